@@ -9,11 +9,11 @@ import sqlalchemy as sa
 from pydantic import BaseModel, Field
 
 from pipeline.calibration.taken_with import TakenWith
-from service import eta, jobs, kept, waiting
 from service.capture import Capture
 from service.problems import Problem
+from service.rows import eta, jobs, kept, waiting
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 
 # Of any length: what a camera said is told as it is, also where no request could ask for it.
 SaidValue = int | float | str

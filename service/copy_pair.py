@@ -6,11 +6,11 @@ from typing import Any
 
 from obstore.exceptions import BaseError
 
-from service import jobs
 from service.errors import EndedError, GoneError, NotReadyError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, job_key
-from service.states import State
+from service.rows import jobs
+from service.rows.states import State
 from service.storage import Storage
 
 _GONE = "The photographs of the job are removed; send them again."

@@ -29,9 +29,9 @@ from dbos import (
     error,
 )
 
-from service.database import AWAY
 from service.errors import StartError
 from service.problems import DATABASE_AWAY, cause_of
+from service.rows.database import AWAY
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one

@@ -24,12 +24,13 @@ from pydantic import ValidationError
 
 from pipeline import compiling
 from pipeline.errors import counted, reason_of
-from service import belonging, census, database, keys, migrations
+from service import belonging, migrations
 from service.errors import StartError, StorageFullError
 from service.object_keys import DATABASE_ID
 from service.opening import DATABASE_FULL, WRONG_ADDRESS, open_storage
 from service.problems import cause_of
 from service.room import larger_than_disk
+from service.rows import census, database, keys
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage

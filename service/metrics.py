@@ -14,9 +14,9 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from pipeline.errors import reason_of
-from service import census
 from service.errors import StartError
 from service.problems import STORE_AWAY, kind_of
+from service.rows import census
 from service.settings import Settings
 
 _STAGE_SECONDS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)

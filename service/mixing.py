@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.errors import OptionError
 from pipeline.mixes.mix_options import Mix, MixRequest, check_lamps, read_basis
 from pipeline.result_names import LAYERS, MANIFEST
-from service import jobs
-from service.finished import check_succeeded, deleted_meanwhile
 from service.object_keys import results_key
+from service.rows import jobs
+from service.rows.finished import check_succeeded, deleted_meanwhile
 from service.storage import Storage
 
 

@@ -10,9 +10,10 @@ from urllib.parse import urlsplit
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import database, dbos_queue, migrations
+from service import dbos_queue, migrations
 from service.errors import StartError
 from service.problems import cause_of
+from service.rows import database
 from service.settings import Settings
 from service.storage import Storage
 

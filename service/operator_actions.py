@@ -10,7 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import allowed, cameras, jobs, keys, steering
+from service import allowed, steering
 from service.capture import Capture
 from service.copy_pair import copy_pair
 from service.dbos_queue import Queue
@@ -26,9 +26,10 @@ from service.mixing import MixOptions, check_mix
 from service.object_keys import job_key
 from service.opening import open_database, open_storage
 from service.room import check_room
+from service.rows import cameras, jobs, keys
+from service.rows.states import State
 from service.sentences import in_words
 from service.settings import Settings
-from service.states import State
 
 _RETRIED = (State.FAILED, State.CANCELED)
 

@@ -14,10 +14,10 @@ from obstore.exceptions import BaseError
 
 from pipeline.errors import reason_of
 from service import metrics
-from service.database import AWAY
 from service.durable import FULL
 from service.errors import NoProcessError, StorageFullError
 from service.problems import cause_of, kind_of
+from service.rows.database import AWAY
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0

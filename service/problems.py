@@ -12,7 +12,6 @@ from sqlalchemy.exc import TimeoutError as NoConnectionError
 
 import drivers
 from pipeline import errors as pipeline_errors
-from service.database import is_full
 from service.errors import (
     AbandonedError,
     BusyError,
@@ -55,6 +54,7 @@ from service.errors import (
     UnsupportedMediaError,
     UploadTooLargeError,
 )
+from service.rows.database import is_full
 
 
 class Problem(BaseModel):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from pipeline.errors import counted
-from service import quotas, waiting
 from service.errors import QueueFullError, StartError, StorageFullError
+from service.rows import quotas, waiting
 from service.settings import Settings
 from service.storage import Storage
 

@@ -19,15 +19,17 @@ import uvicorn
 from obstore.exceptions import BaseError
 
 from pipeline.errors import reason_of
-from service import belonging, keys, logs, metrics, processes, room, tracing, uploads
+from service import belonging, logs, metrics, room, tracing
 from service.api import create_app
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
-from service.database import AWAY
 from service.errors import StartError
 from service.problems import cause_of
+from service.rows import keys, uploads
+from service.rows.database import AWAY
 from service.settings import Settings
 from service.variables import faults
+from service.work import processes
 
 _RESTART_SECONDS = 1.0  # twice as long after each start in vain, up to the second
 _LONGEST_RESTART_SECONDS = 60.0
@@ -220,7 +222,7 @@ def _run_worker(environment: Mapping[str, str], stop: threading.Event) -> str | 
     """Run a worker until it ends, and say in a few words how; None where it was told to stop."""
     try:
         process = subprocess.Popen(
-            [sys.executable, "-m", "service.worker", str(os.getpid())],
+            [sys.executable, "-m", "service.work.worker", str(os.getpid())],
             env=environment,
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for this process, which then ends the worker

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service import jobs
 from service.dbos_queue import Queue
 from service.errors import EndedError, NotReadyError
+from service.rows import jobs
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 
 
 def cancel(engine: sa.Engine, queue: Queue, settings: Settings, job_id: str) -> None:

@@ -20,15 +20,15 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 from standardwebhooks import Webhook
 
-from service import deliveries, jobs
 from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.answers import JobAnswer
-from service.database import AWAY
 from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.patience import note
+from service.rows import deliveries, jobs
+from service.rows.database import AWAY
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 
 _GROWTH = 2.5  # of each pause over the one before
 _LONGEST_SECONDS = 86400.0  # of a pause

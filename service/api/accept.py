@@ -13,7 +13,7 @@ from obstore.exceptions import BaseError
 from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
-from service import allowed, eta, jobs, sandbox, tracing, uploads
+from service import allowed, tracing
 from service.api.accepted import Accepted
 from service.api.admission import refuse_when_full
 from service.api.calibrated import complete
@@ -37,10 +37,12 @@ from service.errors import (
     UnreadyError,
 )
 from service.frames import FRAMES
-from service.keys import Scope
 from service.object_keys import describe_inputs, inputs_key, job_key
+from service.rows import eta, jobs, uploads
+from service.rows.keys import Scope
 from service.spectra import check_spectra
-from service.tasks import Limits, Task
+from service.work import sandbox
+from service.work.tasks import Limits, Task
 
 _CHECK_SECONDS = 30.0
 _DYING: dict[type[AttemptError], str] = {

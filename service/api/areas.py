@@ -19,9 +19,9 @@ from service.api.context import Parts
 from service.api.finished import find_result, find_succeeded
 from service.api.problems import responses
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
-from service.finished import deleted_meanwhile
-from service.jobs import Job
 from service.object_keys import results_key
+from service.rows.finished import deleted_meanwhile
+from service.rows.jobs import Job
 from service.storage import Storage
 
 router = APIRouter(tags=["results"])

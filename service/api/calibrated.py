@@ -10,15 +10,15 @@ from pydantic import BaseModel
 from pipeline.calibration.options import FILES
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
-from service import jobs
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.calibration_names import KINDS, names_calibration
 from service.errors import NotReadyError
 from service.object_keys import results_key
+from service.rows import jobs
+from service.rows.states import State
 from service.sentences import in_words
-from service.states import State
 
 _Options = TypeVar("_Options", bound=BaseModel)
 

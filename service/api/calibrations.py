@@ -9,7 +9,6 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
-from service import jobs, kept
 from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
@@ -23,6 +22,7 @@ from service.api.models import Calibrated, CalibrationCaptureRequest, Calibratio
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.submission import Submitting
+from service.rows import jobs, kept
 
 router = APIRouter(tags=["calibrations"])
 

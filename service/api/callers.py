@@ -12,12 +12,12 @@ from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.security import HTTPBearer
 
-from service import jobs, keys
 from service.api.context import Context, Parts
 from service.api.hosts import came_through_proxy, check_origin
-from service.database import AWAY
 from service.errors import ForbiddenError, UnauthorizedError, UnknownJobError
-from service.keys import Scope
+from service.rows import jobs, keys
+from service.rows.database import AWAY
+from service.rows.keys import Scope
 from service.settings import Settings
 
 OPEN = ("/healthz", "/readyz", "/", "/page/{name}")

@@ -14,13 +14,14 @@ from typing import Any
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, host, sandbox, scratch
 from service.allowed import is_camera_allowed
 from service.capture import CaptureSettings
 from service.errors import AttemptError, NoProcessError, StorageFullError
-from service.forkserver import ForkServer
+from service.rows import cameras
 from service.settings import Settings
-from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
+from service.work import host, sandbox, scratch
+from service.work.forkserver import ForkServer
+from service.work.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take

@@ -16,7 +16,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 import drivers
 from pipeline.errors import OptionError
-from service import answers, bursts, cameras, jobs
+from service import answers
 from service.allowed import check_camera
 from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
@@ -32,7 +32,6 @@ from service.api.problems import responses
 from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
 from service.api.submission import Submitting
 from service.capture import CaptureSettings
-from service.database import AWAY
 from service.errors import (
     CameraHeldError,
     ForeignCameraError,
@@ -44,7 +43,9 @@ from service.errors import (
     UnsupportedMediaError,
     UploadTooLargeError,
 )
-from service.states import State
+from service.rows import bursts, cameras, jobs
+from service.rows.database import AWAY
+from service.rows.states import State
 
 router = APIRouter(tags=["cameras"])
 

@@ -11,7 +11,6 @@ from pydantic import BaseModel
 import drivers
 from pipeline.errors import OptionError, counted
 from pipeline.options import Options
-from service import bursts, cameras, jobs
 from service.allowed import check_camera, check_flash
 from service.api.accept import check_webhook, make_row
 from service.api.accepted import Accepted
@@ -25,7 +24,8 @@ from service.api.models import CameraCapture, Handling
 from service.api.submission import Submission
 from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
-from service.keys import Scope
+from service.rows import bursts, cameras, jobs
+from service.rows.keys import Scope
 from service.sentences import in_words
 from service.spectra import check_spectra
 

@@ -14,14 +14,14 @@ import sqlalchemy as sa
 from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 
-from service import sandbox, scratch
 from service.api.camera_discovery import CameraDiscovery
 from service.api.job_updates import JobUpdates
 from service.dbos_queue import Queue
-from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
+from service.work import sandbox, scratch
+from service.work.forkserver import ForkServer
 
 _STORING_THREADS = 40  # as many as Starlette has for all else, and so the next
 _READING_THREADS = 40

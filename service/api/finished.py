@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from service import jobs
 from service.api.callers import Caller, find
 from service.api.context import Context
 from service.errors import UnknownResultError
-from service.finished import check_succeeded
+from service.rows import jobs
+from service.rows.finished import check_succeeded
 
 
 def find_succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:

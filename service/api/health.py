@@ -7,11 +7,12 @@ from fastapi import APIRouter
 from fastapi.concurrency import run_in_threadpool
 from obstore.exceptions import BaseError
 
-from service import census, metrics
+from service import metrics
 from service.answers import Health
 from service.api.context import Context, Parts
 from service.api.problems import responses
 from service.errors import UnreadyError
+from service.rows import census
 
 _STORE_SECONDS = 5.0  # for the store to answer: who asks for readiness waits seldom longer
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service import jobs
 from service.api.accepted import Accepted
 from service.api.intake import Intake
 from service.api.submission import Submission
 from service.errors import IdempotencyError
+from service.rows import jobs
 
 
 def replay(submission: Submission, request_hash: str) -> Accepted | None:

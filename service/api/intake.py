@@ -26,7 +26,6 @@ from pipeline.calibration.options import (
 from pipeline.errors import OptionError
 from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
-from service import scratch
 from service.api.form import Form, read_form
 from service.api.models import (
     CalibrationCaptureRequest,
@@ -46,6 +45,7 @@ from service.frames import FRAMES
 from service.mixing import MixOptions
 from service.sentences import in_words
 from service.settings import Settings
+from service.work import scratch
 
 _JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text
 _TEXTS = ("options", "handling")

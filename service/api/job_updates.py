@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import sqlalchemy as sa
 from fastapi.concurrency import run_in_threadpool
 
-from service import answers, jobs
+from service import answers
 from service.answers import JobAnswer
-from service.database import jobs as rows
 from service.patience import note
+from service.rows import jobs
+from service.rows.database import jobs as rows
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 
 _LOOK_SECONDS = 0.25  # between two looks at the rows, one for all who watch
 _PLACES_SECONDS = 2.0  # how often places in the queue are counted anew

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
 from pipeline.options import Options
-from service import answers, expiry, jobs, steering
+from service import answers, steering
 from service.answers import JobAnswer, JobPage
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
@@ -25,10 +25,11 @@ from service.api.models import CaptureRequest, Handling, UploadsRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.submission import Submitting
-from service.database import is_full
 from service.errors import NotReadyError, UnknownJobError
 from service.object_keys import job_key
 from service.retention import remove
+from service.rows import expiry, jobs
+from service.rows.database import is_full
 
 router = APIRouter(tags=["jobs"])
 

@@ -10,8 +10,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, RootModel, f
 from pipeline.calibration.options import CalibrationOptions
 from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
-from service import jobs
 from service.capture import Capture, CaptureSettings, Taking
+from service.rows import jobs
 
 
 def _whole(value: Any) -> Any:

@@ -44,8 +44,8 @@ from service.problems import (
     make_problem,
     problem_of,
 )
-from service.sandbox import TaskError
 from service.sentences import sentence_of_faults
+from service.work.sandbox import TaskError
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10

@@ -11,7 +11,6 @@ from fastapi.concurrency import contextmanager_in_threadpool
 from obstore.exceptions import BaseError
 from starlette.requests import ClientDisconnect
 
-from service import scratch, uploads
 from service.api.context import Context
 from service.errors import (
     ChecksumError,
@@ -20,7 +19,9 @@ from service.errors import (
     SlowRequestError,
     UploadTooLargeError,
 )
-from service.uploads import Upload
+from service.rows import uploads
+from service.rows.uploads import Upload
+from service.work import scratch
 
 _PART_BYTES = 8 * 1024 * 1024
 """Bytes after which what has come is kept, whatever happens to the rest."""

@@ -13,7 +13,6 @@ from pydantic import WithJsonSchema
 
 from pipeline.result_names import MANIFEST
 from pipeline.run_warnings import Code
-from service import jobs
 from service.api.callers import Calling
 from service.api.context import Context, Parts
 from service.api.finished import find_result, find_succeeded
@@ -22,9 +21,10 @@ from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
 from service.errors import GoneError, NotReadyError, RangeError, UnknownJobError, UnknownResultError
-from service.finished import deleted_meanwhile
 from service.media import headers_of
 from service.object_keys import results_key
+from service.rows import jobs
+from service.rows.finished import deleted_meanwhile
 
 router = APIRouter(tags=["results"])
 

@@ -17,7 +17,6 @@ from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service import quotas, uploads
 from service.api.admission import refuse_when_disk_full
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
@@ -39,7 +38,8 @@ from service.errors import (
     UploadTooLargeError,
 )
 from service.room import check_room
-from service.uploads import Upload
+from service.rows import quotas, uploads
+from service.rows.uploads import Upload
 
 VERSION = "1.0.0"
 _EXTENSIONS = "creation,creation-with-upload,expiration,checksum,termination"

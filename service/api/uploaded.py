@@ -8,11 +8,11 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from pipeline.errors import OptionError
-from service import uploads
 from service.api.callers import Caller
 from service.api.context import Context
 from service.errors import UnfinishedUploadError
-from service.uploads import Upload
+from service.rows import uploads
+from service.rows.uploads import Upload
 
 
 def bring_uploaded(

@@ -163,7 +163,7 @@ def _take(
     from pipeline.errors import InputError, reason_of
     from service import durable
     from service.cli.folder import new_results
-    from service.recipe import Recipe
+    from service.sending.recipe import Recipe
 
     with new_results(output) as folder:
         opened, taker, pair = _capture(camera, wait_s, switch, wanted)

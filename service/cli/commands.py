@@ -131,7 +131,7 @@ def worker() -> None:
     from service.cli import signals
     from service.settings import Settings
     from service.variables import faults
-    from service.worker import log, run_until_signal
+    from service.work.worker import log, run_until_signal
 
     settings = Settings()
     signals.leave_hangup()
@@ -181,7 +181,7 @@ def submit(
     """Send a pair to a running service, wait, and fetch the results."""
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
-    from service.client import Client
+    from service.sending.client import Client
 
     options = flags.options()
     key = keys.key_of_requests(key_file)

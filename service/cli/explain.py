@@ -6,7 +6,7 @@ import traceback
 from pathlib import Path
 
 from pipeline.errors import InputError
-from service.shortage import TOLD, wants_memory
+from service.work.shortage import TOLD, wants_memory
 
 
 def explain(error: Exception) -> tuple[str, int]:
@@ -19,9 +19,9 @@ def explain(error: Exception) -> tuple[str, int]:
     from pydantic import ValidationError
 
     from drivers import BadAddressError, CameraNotFoundError, DriverError
-    from service.client import RefusedError, ServiceAwayError
     from service.errors import ServiceError
     from service.problems import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, kind_of
+    from service.sending.client import RefusedError, ServiceAwayError
     from service.sentences import sentence_of
 
     if isinstance(error, BadAddressError | CameraNotFoundError | RefusedError | ServiceError):

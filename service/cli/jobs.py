@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli.parameters import AllAsJson
-from service.states import State
+from service.rows.states import State
 
 if TYPE_CHECKING:
-    from service.jobs import Job
     from service.operator_actions import OperatorActions
+    from service.rows.jobs import Job
 
 app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=None)
 

@@ -17,7 +17,7 @@ from service.cli.parameters import AllAsJson
 if TYPE_CHECKING:
     import sqlalchemy as sa
 
-    from service.keys import Key, Scope
+    from service.rows.keys import Key, Scope
 
 app = typer.Typer(
     help="Make, list and revoke the keys that requests bear.",
@@ -56,7 +56,7 @@ def create(
     days: Annotated[float | None, typer.Option(help="Expires after so many days.")] = None,
 ) -> None:
     """Make a key and print it, this once: no command shows it again."""
-    from service import keys
+    from service.rows import keys
 
     if not (name.isprintable() and name.strip() and len(name) <= _NAME_LETTERS):
         raise _bad(f"NAME: write 1 to {_NAME_LETTERS} characters that can be printed")
@@ -80,8 +80,8 @@ def list_keys(
     as_json: AllAsJson = False,
 ) -> None:
     """List the keys that were made: id, name, scopes, quotas, and when they were used last."""
-    from service import keys
     from service.cli.display import print_json
+    from service.rows import keys
 
     with _database() as connection:
         found = keys.list_keys(connection)
@@ -98,7 +98,7 @@ def revoke(
     ],
 ) -> None:
     """Let a key be used no more, at once and for ever; its jobs stay."""
-    from service import keys
+    from service.rows import keys
 
     with _database() as connection:
         found = keys.revoke(connection, key_id)
@@ -112,8 +112,8 @@ def key_of_requests(file: Path | None) -> str | None:
 
     On no command line, since every user of the machine can read those. Raises OptionError.
     """
-    from service import keys
     from service.cli.files import read_file
+    from service.rows import keys
 
     if file is not None:
         text = read_file(file, "key").decode("utf-8", "replace").strip()
@@ -134,7 +134,7 @@ def _bad(sentence: str) -> Exception:
 
 
 def _scopes(text: str) -> set[Scope]:
-    from service.keys import Scope
+    from service.rows.keys import Scope
 
     names = [name.strip() for name in text.split(",")]
     for name in names:

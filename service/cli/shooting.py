@@ -56,7 +56,7 @@ def _read_recipe(path: Path) -> dict[drivers.SettingName, drivers.SettingValue]:
     from pydantic import ValidationError
 
     from pipeline.errors import InputError
-    from service.recipe import Recipe
+    from service.sending.recipe import Recipe
 
     try:
         return dict(Recipe.model_validate_json(read_file(path, "recipe")).settings)

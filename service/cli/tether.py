@@ -34,7 +34,7 @@ from service.cli.shooting import (
 
 if TYPE_CHECKING:
     import drivers
-    from service.spool import Spool
+    from service.sending.spool import Spool
 
 _FAILED = 1
 _PAUSE_S = 2.0
@@ -87,10 +87,10 @@ def tether(
     """
     import drivers
     from service.cli.flash import flash_switch
-    from service.client import Client
-    from service.sender import Sender
+    from service.sending.client import Client
+    from service.sending.sender import Sender
+    from service.sending.spool import Spool
     from service.settings import Settings
-    from service.spool import Spool
 
     told = _Told(as_json)
     wanted = wanted_settings(settings, recipe)

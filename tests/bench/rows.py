@@ -21,8 +21,9 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import answers, database, dbos_queue, expiry, jobs, migrations, quotas, waiting
+from service import answers, dbos_queue, migrations
 from service.dbos_queue import Queue
+from service.rows import database, expiry, jobs, quotas, waiting
 from service.settings import Settings
 
 _SMALL, _LARGE = 1_000, 1_000_000

@@ -16,11 +16,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Literal
 
-from service import sandbox
-from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.settings import Settings
-from service.tasks import Limits, Task
+from service.work import sandbox
+from service.work.forkserver import ForkServer
+from service.work.tasks import Limits, Task
 from tests.bench.usage import python, run
 
 _TASKS = 40

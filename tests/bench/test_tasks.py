@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import drivers
-from service import sandbox
+from service.work import sandbox
 from tests.bench import tasks
 
 

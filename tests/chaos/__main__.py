@@ -20,7 +20,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from service import database
+from service.rows import database
 from tests.chaos import accounts
 from tests.chaos.clients import Clients, Ledger, pairs
 from tests.chaos.faults import Faults

@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 
 import sqlalchemy as sa
 
-from service import database
 from service.opening import open_storage
-from service.states import ENDED
+from service.rows import database
+from service.rows.states import ENDED
 from tests.chaos.clients import Accepted, Clients, Ledger
 from tests.chaos.service import Service
 from tests.chaos.takeovers import Takeovers
@@ -128,7 +128,7 @@ def _said(service: Service) -> dict[str, list[str]]:
     """Ends of jobs by the logs of all hosts."""
     ends: dict[str, list[str]] = defaultdict(list)
     for entry in _entries(service):
-        if entry.get("logger") == "service.attempt":
+        if entry.get("logger") == "service.work.attempt":
             end = entry["message"].partition(":")[0]
             if end in ("succeeded", "failed", "canceled"):
                 ends[entry["job"]].append(end)

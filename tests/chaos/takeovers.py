@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import sqlalchemy as sa
 
-from service import database
-from service.states import HELD
+from service.rows import database
+from service.rows.states import HELD
 from tests.chaos.processes import Process
 
 _LOOK_SECONDS = 0.1

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from moto.server import ThreadedMotoServer
 
 import drivers
-from service import database
+from service.rows import database
 from tests.chaos.relay import Relay
 from tests.integration.service.real_service import Service
 from tests.postgresql import PostgreSQL, find_programs

@@ -10,8 +10,9 @@ import os
 import sys
 import threading
 
-from service import database, dbos_queue
+from service import dbos_queue
 from service.dbos_queue import Duties, Pace
+from service.rows import database
 
 
 def main(url: str, name: str, host: str | None = None) -> None:

@@ -18,7 +18,7 @@ import pytest
 
 import drivers
 from pipeline.progress import STAGES
-from service.client import Client, ServiceAwayError
+from service.sending.client import Client, ServiceAwayError
 from tests.ports import free_port
 
 Job = dict[str, Any]

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 import pytest
 import sqlalchemy as sa
 
-from service import belonging, database, migrations, uploads
+from service import belonging, migrations
+from service.rows import database, uploads
 from service.storage import Storage
 
 

@@ -17,7 +17,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, database
+from service.rows import cameras, database
 from tests.integration.service.real_service import Service
 
 FAST = {"quality": "fast", "lights": 2, "align": False, "outputs": ["layers.exr"]}

@@ -12,10 +12,11 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from service import belonging, database, dbos_queue, expiry, jobs, migrations, quotas, waiting
+from service import belonging, dbos_queue, migrations
 from service.cli import run
 from service.errors import StoredQuotaError
-from service.states import State
+from service.rows import database, expiry, jobs, quotas, waiting
+from service.rows.states import State
 from tests.plans import plans
 
 _OLD_STATES = ("queued", "running", "canceling", "succeeded", "failed", "canceled")

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import database, dbos_queue
+from service import dbos_queue
+from service.rows import database
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -15,7 +15,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service import database
+from service.rows import database
 from service.storage import Storage
 from tests.chaos.relay import Relay
 from tests.integration.service.real_service import Service

@@ -11,10 +11,10 @@ from typing import Any
 import httpx
 import sqlalchemy as sa
 
-from service import jobs, keys
 from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key
+from service.rows import jobs, keys
 
 
 def post_pair(http: httpx.Client, no_flash: bytes, flash: bytes, **more: Any) -> httpx.Response:

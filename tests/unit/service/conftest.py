@@ -18,15 +18,17 @@ import uvicorn
 from fastapi import FastAPI
 from PIL import Image
 
-from service import database, dbos_queue, jobs, migrations, sandbox
+from service import dbos_queue, migrations
 from service.api import create_app
 from service.api.context import Context, open_context
-from service.client import Client
-from service.forkserver import ForkServer
 from service.media import media_type
 from service.object_keys import results_key
+from service.rows import database, jobs
+from service.sending.client import Client
 from service.settings import Settings
 from service.storage import Storage
+from service.work import sandbox
+from service.work.forkserver import ForkServer
 from tests.unit.service.contract import check_described, described
 from tests.unit.service.studio import PATH, ask_in_process
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any, BinaryIO
 
-from service.client import Client, Job
+from service.sending.client import Client, Job
 
 
 class FakeService(Client):

@@ -6,7 +6,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import heartbeats, jobs
+from service.rows import heartbeats, jobs
 from tests.unit.service.asking import stored
 
 

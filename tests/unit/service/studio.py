@@ -12,12 +12,13 @@ import pytest
 import drivers
 from drivers.ptp.datasets import DeviceInfo
 from drivers.sim.responder import RELEASES
-from service import camera_tasks, cameras, jobs, sandbox
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.problems import problem_of
+from service.rows import cameras, jobs
 from service.settings import Settings
-from service.tasks import CameraOrder, Kind, Limits, Task, Tell
+from service.work import camera_tasks, sandbox
+from service.work.tasks import CameraOrder, Kind, Limits, Task, Tell
 
 SIM = "sim://studio?width=64&height=64"
 AWAY = "ptp+ip://127.0.0.1:1"

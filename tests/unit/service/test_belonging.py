@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import belonging, database, jobs, migrations
+from service import belonging, migrations
 from service.errors import StorageFullError
+from service.rows import database, jobs
 from service.storage import Storage
 
 Open = Callable[[str], sa.Engine]

@@ -14,12 +14,13 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from pipeline import compiling
-from service import belonging, database, heartbeats, keys, migrations
+from service import belonging, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
 from service.errors import StorageFullError
 from service.opening import WRONG_ADDRESS, open_database
+from service.rows import database, heartbeats, keys
 from service.settings import MIB, Settings
 from service.storage import Storage
 from tests.ports import free_port

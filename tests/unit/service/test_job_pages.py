@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs
-from service.states import State
+from service.rows import database, jobs
+from service.rows.states import State
 from tests.plans import plans
 from tests.unit.service.asking import stored
 from tests.unit.service.job_rows import added

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service import heartbeats, jobs
-from service.states import State
+from service.rows import heartbeats, jobs
+from service.rows.states import State
 
 
 def _find(engine: sa.Engine) -> jobs.Job:

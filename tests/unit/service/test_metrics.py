@@ -9,8 +9,9 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 from prometheus_client import REGISTRY, CollectorRegistry, generate_latest
 
-from service import database, heartbeats, jobs, metrics
+from service import metrics
 from service.errors import MalformedRequestError, StartError
+from service.rows import database, heartbeats, jobs
 from service.settings import Settings
 
 

@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import InputError, OptionError
 from pipeline.mixes.mix_options import LampMix, Mix
-from service import jobs
 from service.errors import EndedError, GoneError, NotReadyError
 from service.mixing import MixOptions, check_mix
-from service.states import State
+from service.rows import jobs
+from service.rows.states import State
 from service.storage import Storage
 from tests.unit.service.job_rows import added
 

@@ -9,13 +9,14 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import belonging, cameras, database, deliveries, expiry, heartbeats, jobs, uploads
+from service import belonging
 from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
 from service.retention import Sweep
+from service.rows import cameras, database, deliveries, expiry, heartbeats, jobs, uploads
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 from service.storage import Storage
 from tests.unit.service.asking import post_capture, rows_of, stored_job
 from tests.unit.service.full_disk import full_disk

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 
-from service import keys
 from service.errors import QueueFullError, QuotaError, StorageFullError
 from service.room import check_disk, check_room
+from service.rows import keys
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.job_rows import added, claimed

@@ -17,11 +17,12 @@ import pytest
 import uvicorn
 from obstore.exceptions import GenericError
 
-from service import belonging, keys
+from service import belonging
 from service.api import create_app
 from service.api.context import Context
 from service.errors import StartError
 from service.opening import open_database
+from service.rows import keys
 from service.serve import _keep_worker, _remove_expired, _Server, serve
 from service.settings import Settings
 from service.storage import Storage

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from service import database
+from service.rows import database
 from service.sentences import sentence_of
 from service.settings import Settings
 

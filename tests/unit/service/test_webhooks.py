@@ -13,11 +13,12 @@ import pytest
 import sqlalchemy as sa
 from standardwebhooks import Webhook
 
-from service import deliveries, expiry, jobs, webhooks
+from service import webhooks
 from service.api.context import Context
 from service.outgoing import Answer, UnansweredError
+from service.rows import deliveries, expiry, jobs
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 from service.webhooks import Teller, queue_news, retry_after
 from tests.unit.service.asking import stored
 from tests.unit.service.receiver import SECRET, receiving

@@ -11,7 +11,6 @@ from typing import Any
 import httpx
 import pytest
 
-from service import sandbox
 from service.api.context import Context
 from service.errors import (
     AttemptError,
@@ -24,6 +23,7 @@ from service.errors import (
     TimeLimitError,
 )
 from service.settings import Settings
+from service.work import sandbox
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
 
 Png = Callable[..., bytes]

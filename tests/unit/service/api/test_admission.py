@@ -6,8 +6,8 @@ from collections.abc import Callable
 import httpx
 import pytest
 
-from service import waiting
 from service.api.context import Context
+from service.rows import waiting
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of

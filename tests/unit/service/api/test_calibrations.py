@@ -11,8 +11,8 @@ import pytest
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from service import cameras, database, jobs, kept
 from service.api.context import Context
+from service.rows import cameras, database, jobs, kept
 from tests.unit.service.asking import ended_while_waiting, problem_of
 from tests.unit.service.studio import ask_in_process
 

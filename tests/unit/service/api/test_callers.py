@@ -10,13 +10,13 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
-from service import database, keys
 from service.api import callers, create_app
 from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
-from service.database import now
+from service.rows import database, keys
+from service.rows.database import now
 from service.settings import Settings
 from tests.unit.service.asking import (
     bearing,

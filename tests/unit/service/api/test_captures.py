@@ -11,10 +11,11 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 import drivers
-from service import bursts, cameras, dbos_queue, heartbeats
+from service import dbos_queue
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.api.idempotency import digest
+from service.rows import bursts, cameras, heartbeats
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
 from tests.unit.service.studio import PATH, SIM, take, with_cameras

@@ -10,12 +10,12 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, deliveries, expiry, jobs
 from service.api import events as route
 from service.api import job_updates
 from service.api.callers import Caller, Standing
 from service.api.context import Context
 from service.api.job_updates import JobUpdates
+from service.rows import database, deliveries, expiry, jobs
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 from tests.unit.service.receiver import SECRET

@@ -10,9 +10,9 @@ import pytest
 import sqlalchemy as sa
 from fastapi import FastAPI
 
-from service import database, heartbeats
 from service.api import health
 from service.api.context import Context
+from service.rows import database, heartbeats
 from service.storage import Storage
 from tests.unit.service.asking import problem_of
 

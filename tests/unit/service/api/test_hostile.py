@@ -11,9 +11,9 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database
 from service.api.context import Context
 from service.api.zips import Member, stored_zip
+from service.rows import database
 from tests.unit.service.asking import post_capture, post_pair, rows_of
 
 Png = Callable[..., bytes]

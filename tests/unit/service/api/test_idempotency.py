@@ -14,13 +14,13 @@ from fastapi import FastAPI
 
 from drivers import SettingName, SettingValue
 from pipeline.options import Options
-from service import cameras, jobs
 from service.api import accept
 from service.api.context import Context
 from service.api.idempotency import hash_of
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.capture import Capture
+from service.rows import cameras, jobs
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of, stored_job
 
 Png = Callable[..., bytes]

@@ -12,8 +12,8 @@ import pytest
 import sqlalchemy as sa
 
 from drivers import capture_pair, open_camera
-from service import expiry, jobs
 from service.api.context import Context
+from service.rows import expiry, jobs
 from service.settings import Settings
 from tests.jpeg_xl import in_jpeg_xl
 from tests.png_bombs import png_of

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.colour.spaces import XYZ_TO_SRGB
-from service import expiry, jobs
 from service.api.context import Context
-from service.attempt import Attempt
+from service.rows import expiry, jobs
+from service.work.attempt import Attempt
 from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
 
 Finish = Callable[[str, dict[str, bytes]], None]

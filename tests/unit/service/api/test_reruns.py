@@ -9,10 +9,10 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service import expiry, jobs
 from service.api.context import Context
 from service.api.idempotency import digest
 from service.errors import StorageFullError
+from service.rows import expiry, jobs
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import (

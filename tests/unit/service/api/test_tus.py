@@ -17,9 +17,9 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, uploads
 from service.api.context import Context
 from service.api.uploaded import bring_uploaded
+from service.rows import database, uploads
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import problem_of, rows_of

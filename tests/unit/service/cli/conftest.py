@@ -10,9 +10,9 @@ import httpx
 import pytest
 
 from drivers.ptp import usb as driver
-from service import sender
 from service.cli import run
-from service.spool import Spool
+from service.sending import sender
+from service.sending.spool import Spool
 from tests.unit.service.usb_bus import ADDRESS, Bus
 
 

@@ -15,8 +15,8 @@ from pipeline import process
 from pipeline.errors import UnusablePairError
 from service.api.context import Context
 from service.cli import run
-from service.client import Client, ServiceAwayError
-from service.shortage import TOLD
+from service.sending.client import Client, ServiceAwayError
+from service.work.shortage import TOLD
 from tests.unit.service.asking import rows_of
 
 

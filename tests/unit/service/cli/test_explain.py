@@ -8,10 +8,10 @@ from sqlalchemy.exc import OperationalError
 from drivers import BadAddressError, DriverError
 from pipeline.errors import OptionError
 from service.cli.explain import explain
-from service.client import RefusedError, ServiceAwayError
 from service.errors import UnknownJobError
 from service.problems import DATABASE_AWAY
-from service.shortage import TOLD
+from service.sending.client import RefusedError, ServiceAwayError
+from service.work.shortage import TOLD
 
 
 @pytest.mark.parametrize(

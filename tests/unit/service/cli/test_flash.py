@@ -4,9 +4,9 @@ import pytest
 
 import drivers
 from pipeline.errors import OptionError
-from service.camera_tasks import brightness
 from service.cli import flash
 from service.cli.flash import flash_switch
+from service.work.camera_tasks import brightness
 
 
 def test_an_operator_is_asked_and_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

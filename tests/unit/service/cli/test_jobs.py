@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import cameras, database, dbos_queue, jobs, keys
+from service import dbos_queue
 from service.api.context import Context
 from service.cli import run
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key
+from service.rows import cameras, database, jobs, keys
+from service.rows.states import State
 from service.settings import Settings
-from service.states import State
 from tests.unit.service.asking import bearing, owner_of, stored
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service import keys
 from service.api.context import Context
 from service.cli import run
 from service.cli.keys import key_of_requests
+from service.rows import keys
 from tests.unit.service.asking import bearing
 
 Captured = pytest.CaptureFixture[str]

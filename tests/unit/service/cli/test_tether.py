@@ -18,8 +18,9 @@ import drivers
 from drivers.errors import ProtocolError
 from drivers.ptp.camera import PtpCamera
 from pipeline.errors import UnreadableImageError
-from service import camera_tasks, sender
-from service.spool import Spool, SpooledPair
+from service.sending import sender
+from service.sending.spool import Spool, SpooledPair
+from service.work import camera_tasks
 from tests.unit.service.usb_bus import Bus
 
 AWAY = "http://127.0.0.1:9"

@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from service import keys, sender
 from service.api.context import Context
+from service.rows import keys
+from service.sending import sender
 
 
 def test_a_key_that_may_submit_is_enough(

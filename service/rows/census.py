@@ -1,0 +1,34 @@
+"""Counts of jobs and workers for those who run the service; it writes nothing."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from service.rows import queues
+from service.rows.database import jobs, now, workers
+from service.rows.states import State
+
+
+def living_workers(connection: sa.Connection, silence_seconds: float) -> int:
+    """How many workers were heard of lately."""
+    lately = workers.c.seen >= now() - silence_seconds
+    count = sa.select(sa.func.count()).select_from(workers).where(lately)
+    return connection.execute(count).scalar_one()
+
+
+def jobs_by_state(connection: sa.Connection) -> dict[State, int]:
+    """How many jobs are in each state."""
+    found = connection.execute(sa.select(jobs.c.state, sa.func.count()).group_by(jobs.c.state))
+    return dict.fromkeys(State, 0) | {State(state): count for state, count in found}
+
+
+def longest_wait(connection: sa.Connection) -> float:
+    """Seconds that the oldest job has waited for a worker; 0 when none waits.
+
+    What waits for a camera, or for its hour, is not among them. A pair that a camera took counts
+    from the beginning of that.
+    """
+    taken = sa.func.coalesce(jobs.c.started, jobs.c.created)
+    since = sa.case((jobs.c.camera.is_(None), jobs.c.created), else_=taken)
+    oldest = sa.select(now() - sa.func.min(since)).where(queues.waits_for_camera(None))
+    return max(connection.execute(oldest).scalar_one() or 0.0, 0.0)

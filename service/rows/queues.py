@@ -1,0 +1,30 @@
+"""The queues that jobs wait in: that of the workers, and one of each camera.
+
+A job whose pair a camera takes waits in the camera's first, and then in that of the workers.
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from service.rows.database import jobs
+from service.rows.states import HELD, State
+
+CAPTURE = "capture"
+"""The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""
+
+
+def waits_for_camera(camera: str | None) -> sa.ColumnElement[bool]:
+    """Whether a job waits in the queue of a camera; None: in that of the workers."""
+    this = jobs.c.camera == camera
+    elsewhere = sa.or_(jobs.c.camera.is_(None), jobs.c.inputs.is_not(None))
+    queue = elsewhere if camera is None else sa.and_(this, jobs.c.inputs.is_(None))
+    return sa.and_(jobs.c.state == State.QUEUED, queue)
+
+
+def has_camera(camera: str | None) -> sa.ColumnElement[bool]:
+    """Whether a job that was begun has a camera take its pair; None: whether it has none do so."""
+    held = jobs.c.state.in_(HELD)
+    if camera is None:
+        return sa.and_(held, jobs.c.stage.is_distinct_from(CAPTURE))
+    return sa.and_(held, jobs.c.camera == camera, jobs.c.stage == CAPTURE)

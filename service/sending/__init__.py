@@ -1,0 +1,1 @@
+"""The other end: programs that send pairs to a service, and keep them until it takes them."""

@@ -1,0 +1,327 @@
+"""Talks to a running service: what `lightlayers submit` and the demo use."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self, TypeVar
+
+import httpx
+
+from pipeline.errors import OptionError
+from pipeline.options import Options
+from service.rows.states import ENDED
+
+_POLL_SECONDS = 0.3
+_TIMEOUT_SECONDS = 60.0  # without a byte
+_PATIENCE_SECONDS = 300.0  # with a service that is away, as while it starts anew
+_FIRST_PAUSE_SECONDS = 1.0
+_LONGEST_PAUSE_SECONDS = 15.0
+_PIECE_BYTES = 1 << 16
+_TUS = {"Tus-Resumable": "1.0.0"}
+_GONE = (404, 410)
+_ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
+
+_LOOKED_AT = {"state", "stage", "fraction", "error", "files"}
+
+Job = dict[str, Any]
+Result = TypeVar("Result")
+
+
+class ServiceAwayError(Exception):
+    """The service does not answer, is too busy, or failed through no fault of the request.
+
+    status: of HTTP, None where nothing answered or a job failed. passes: whether the same request
+    may do better in a while; retry_seconds: in how long, as far as the service says so.
+    """
+
+    status: int | None = None
+    passes = False
+    retry_seconds = 0.0
+
+
+class RefusedError(Exception):
+    """The service refused the request for good, or the job failed for what was sent.
+
+    status: of HTTP, None where a job failed. final: whether what was sent will never pass, with
+    whichever key and whenever it is sent again.
+    """
+
+    status: int | None = None
+    final = False
+
+
+class Client:
+    """A running service. Every method raises ServiceAwayError or RefusedError."""
+
+    def __init__(self, url: str, key: str | None = None) -> None:
+        """Talk to the service at a URL, like http://127.0.0.1:8000. Raises OptionError.
+
+        key: sent with every request.
+        """
+        if not _is_address(url):
+            raise OptionError(
+                f"{url[:80]!r} is no address of a service: write one like http://127.0.0.1:8000."
+            )
+        self._url = url
+        self._http = httpx.Client(
+            base_url=url,
+            headers={"Authorization": f"Bearer {key}"} if key else {},
+            timeout=_TIMEOUT_SECONDS,
+            follow_redirects=True,  # results may lie elsewhere
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._http.close()
+
+    def check_ready(self) -> None:
+        """Ask whether the service can take jobs."""
+        self._json("GET", "/readyz")
+
+    def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
+        """Send two photographs, for some minutes again while the service is away or busy."""
+        self._json("GET", "/healthz")  # a wrong address is told at once
+        return _patiently(
+            partial(
+                self._job,
+                "POST",
+                "/jobs",
+                files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
+                # a default that was typed is none: what is kept for a set-up gives way to it
+                data={"options": options.model_dump_json(exclude_unset=True)},
+                headers={"Idempotency-Key": uuid.uuid4().hex},
+            )
+        )
+
+    def submit_capture(self, camera: str, options: Options) -> Job:
+        """Have the camera at an address take the pair; the job."""
+        wanted = options.model_dump(mode="json", exclude_unset=True)
+        return self._job("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
+
+    def create_upload(self, size: int) -> str:
+        """Begin to send a file of so many bytes piece by piece; the id of the upload."""
+        headers = {**_TUS, "Upload-Length": str(size)}
+        with self._request("POST", "/uploads", headers=headers) as response:
+            upload_id = response.headers.get("location", "").rpartition("/")[2]
+        if not re.fullmatch(r"[\w-]+", upload_id):
+            raise _stranger(response)
+        return str(upload_id)
+
+    def upload_offset(self, upload_id: str) -> int | None:
+        """Ask at which byte an upload goes on; None where it is gone, into a job or for good."""
+        try:
+            with self._request("HEAD", f"/uploads/{upload_id}", headers=_TUS) as response:
+                return int(response.headers["upload-offset"])
+        except (RefusedError, ServiceAwayError) as error:
+            if error.status in _GONE:
+                return None
+            raise
+        except (KeyError, ValueError) as error:
+            raise _stranger(response) from error
+
+    def append_to_upload(self, upload_id: str, file: BinaryIO, offset: int, size: int) -> None:
+        """Send a file from a byte to its end, size; what has come stays where this breaks off."""
+        file.seek(offset)
+        headers = {
+            **_TUS,
+            "Upload-Offset": str(offset),
+            "Content-Type": "application/offset+octet-stream",
+            "Content-Length": str(size - offset),
+        }
+        pieces = iter(partial(file.read, _PIECE_BYTES), b"")
+        # a body that is read once cannot be sent on to elsewhere
+        arguments = {"headers": headers, "content": pieces, "follow_redirects": False}
+        with self._request("PATCH", f"/uploads/{upload_id}", **arguments) as response:
+            if response.status_code != 204:
+                raise _stranger(response)
+
+    def submit_uploads(
+        self, uploads: Mapping[str, str], options: Mapping[str, Any], idempotency_key: str
+    ) -> Job:
+        """Make a job of finished uploads, by frame; the same key gives the same job again."""
+        body = {"uploads": dict(uploads), "options": dict(options)}
+        headers = {"Idempotency-Key": idempotency_key}
+        with self._request("POST", "/jobs", json=body, headers=headers) as response:
+            response.read()
+            try:
+                job: Job = response.json()
+                if (
+                    response.status_code == 202
+                    and job["id"]
+                    and all(job["inputs"][frame]["sha256"] for frame in uploads)
+                ):
+                    return job
+            except (ValueError, KeyError, TypeError):
+                pass
+            raise _stranger(response)
+
+    def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
+        """Wait until a job has succeeded, telling how far it is; the job as it is then.
+
+        It outlasts some minutes in which the service is away.
+        """
+        while job["state"] not in ENDED:
+            if job["stage"]:
+                report(job["stage"], job["fraction"])
+            time.sleep(_POLL_SECONDS)
+            job = _patiently(partial(self._job, "GET", job["links"]["self"]))
+        if job["state"] == "canceled":
+            raise RefusedError("The job was canceled.")
+        if job["error"]:
+            raise _failure(job["error"])
+        if job["state"] == "expired":
+            raise RefusedError("The job is expired: its results are being removed; send it again.")
+        return job
+
+    def download(self, job: Job, folder: Path) -> None:
+        """Write every result of a job into a folder; a file has its name once it is whole.
+
+        One that breaks off is fetched again, as often as some minutes of patience allow. Raises
+        OSError where the folder cannot be written.
+        """
+        for file in job["files"]:
+            _patiently(partial(self._fetch, file["href"], folder, Path(file["name"]).name))
+
+    def _fetch(self, path: str, folder: Path, name: str) -> None:
+        part = folder / f".partial-{name}"
+        try:
+            with self._request("GET", path) as response, part.open("wb") as target:
+                for chunk in response.iter_bytes():
+                    target.write(chunk)
+            part.replace(folder / name)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _job(self, method: str, path: str, **arguments: Any) -> Job:
+        with self._request(method, path, **arguments) as response:
+            job = _object(response)
+            links = job.get("links")
+            if not (job.keys() >= _LOOKED_AT and isinstance(links, dict) and "self" in links):
+                raise _stranger(response)
+            return job
+
+    def _json(self, method: str, path: str) -> dict[str, Any]:
+        with self._request(method, path) as response:
+            return _object(response)
+
+    @contextlib.contextmanager
+    def _request(self, method: str, path: str, **arguments: Any) -> Iterator[httpx.Response]:
+        try:
+            with self._http.stream(method, path, **arguments) as response:
+                if response.is_error:
+                    raise _refusal(response)
+                yield response
+        except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
+            away = ServiceAwayError(
+                f"The service at {self._url} does not answer: start it, or check its address."
+            )
+            away.passes = True
+            raise away from error
+
+
+def _is_address(url: str) -> bool:
+    try:
+        httpx.URL(url).raw_host.decode().encode("idna")  # as sockets do, when it is too late
+    except (httpx.InvalidURL, UnicodeError):
+        return False
+    return bool(re.fullmatch(r"https?://[^\s/]+\S*", url))
+
+
+def _patiently(ask: Callable[[], Result]) -> Result:
+    deadline, pause = math.inf, _FIRST_PAUSE_SECONDS
+    while True:
+        try:
+            return ask()
+        except ServiceAwayError as error:
+            # from the first failure on: what broke off may have gone well for longer than that
+            deadline = min(deadline, time.monotonic() + _PATIENCE_SECONDS)
+            wait = max(pause, error.retry_seconds)
+            if not error.passes or time.monotonic() + wait > deadline:
+                raise
+        time.sleep(wait)
+        pause = min(2 * pause, _LONGEST_PAUSE_SECONDS)
+
+
+def _object(response: httpx.Response) -> dict[str, Any]:
+    response.read()
+    try:
+        found = response.json()
+    except ValueError as error:
+        raise _stranger(response) from error
+    if not isinstance(found, dict):
+        raise _stranger(response)
+    return found
+
+
+def _problem(response: httpx.Response) -> dict[str, Any]:
+    if response.request.method == "HEAD" and "trace-id" in response.headers:
+        return _told_by_status(response.status_code)
+    try:
+        problem = _object(response)
+    except ServiceAwayError:
+        problem = {}
+    if isinstance(problem.get("status"), int) and "detail" in problem:
+        return problem
+    # A proxy answers for a service that starts anew.
+    passes = response.status_code >= 500
+    return {"status": 500, "detail": str(_stranger(response)), "retryable": passes}
+
+
+def _told_by_status(status: int) -> dict[str, Any]:
+    """The problem of an answer to HEAD of a lightlayers service: such answers have no body."""
+    if status == 401:
+        detail = "The service needs a key that is good: this one is missing, mistyped or revoked."
+    elif status == 403:
+        detail = "This key may not send photographs; use one that has the scope submit."
+    elif status >= 500:
+        detail = f"The service cannot answer now (status {status}); try again later."
+    else:
+        detail = f"The service does not tell how far the upload is (status {status})."
+    return {"status": status, "detail": detail, "retryable": status == 503}
+
+
+def _stranger(response: httpx.Response) -> ServiceAwayError:
+    if response.status_code == 413:
+        return ServiceAwayError(
+            "A proxy before the service takes no request as large as this one (status 413): raise "
+            "its limit, like client_max_body_size of nginx, to LIGHTLAYERS_UPLOAD_BYTES."
+        )
+    return ServiceAwayError(
+        f"What answers is no lightlayers service (status {response.status_code})."
+    )
+
+
+def _refusal(response: httpx.Response) -> Exception:
+    failure = _failure(_problem(response), response.status_code)
+    if isinstance(failure, ServiceAwayError):
+        told = response.headers.get("retry-after", "")
+        failure.retry_seconds = float(told) if re.fullmatch(r"\d{1,9}", told) else 0.0  # or a date
+    return failure
+
+
+def _failure(problem: dict[str, Any], status: int | None = None) -> Exception:
+    passes = problem.get("retryable") is True
+    if passes or problem["status"] >= 500:
+        away = ServiceAwayError(problem["detail"])
+        away.status, away.passes = status, passes
+        return away
+    refused = RefusedError(problem["detail"])
+    ours = str(problem.get("type")).startswith("urn:lightlayers:problem:")
+    refused.status = status
+    refused.final = ours and status in _ABOUT_WHAT_WAS_SENT
+    return refused

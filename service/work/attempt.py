@@ -1,0 +1,469 @@
+"""One attempt at a job: photographs in, results out, and one write that makes them count."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import sqlalchemy as sa
+from obstore.exceptions import BaseError
+
+from drivers import CameraInfo, CameraNotFoundError, leave_flash_off
+from pipeline.calibration.options import FILES
+from pipeline.result_names import LAYERS, MANIFEST
+from service import metrics, tracing
+from service.capture import Capture
+from service.durable import FULL
+from service.errors import (
+    AttemptError,
+    LayersGoneError,
+    NoProcessError,
+    OlderWorkerError,
+    StorageFullError,
+)
+from service.frames import FRAMES
+from service.media import headers_of, media_type
+from service.object_keys import captured_key, job_key, results_key
+from service.patience import passes, patiently
+from service.problems import problem_of
+from service.rows import cameras, eta, jobs, kept
+from service.rows.database import AWAY
+from service.rows.states import State
+from service.settings import Settings
+from service.storage import Storage
+from service.work import host, sandbox, scratch
+from service.work.forkserver import ForkServer
+from service.work.stages import Stages
+from service.work.stopping import ASK_SECONDS, Stopping
+from service.work.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
+
+_REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
+_ELSEWHERE = (
+    " It was looked for on the worker's host alone, as no API with a worker beside it had seen it "
+    "when the capture was sent: if it hangs on another host, run `lightlayers serve` there, ask it "
+    "for GET /cameras, and send the capture again."
+)
+
+Result = TypeVar("Result")
+PassOn = Callable[[sa.Connection], None]
+"""Queues the rest of a job in the transaction that puts it back."""
+
+log = logging.getLogger("service.work.attempt")
+
+
+class Attempt:
+    """Runs one claimed job to its end, or until `ending` says that the worker ends."""
+
+    def __init__(
+        self,
+        job: jobs.Job,
+        engine: sa.Engine,
+        storage: Storage,
+        settings: Settings,
+        fork_server: ForkServer,
+        ending: Callable[[], bool],
+    ) -> None:
+        self._job = job
+        self._engine = engine
+        self._storage = storage
+        self._settings = settings
+        self._fork_server = fork_server
+        kept_on = job.task == "calibrate" and job.options.get("setup")
+        self._keep_seconds = None if kept_on else settings.retention_seconds
+        self._stopping = Stopping(job, engine, ending, settings.silence_seconds)
+        self._reported: tuple[str, float] = ("", 0.0)
+        self._track: eta.Track
+        self._stages = Stages()
+        self._log = logging.LoggerAdapter(
+            log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
+        )
+
+    def run(self, pass_on: PassOn | None = None) -> bool:
+        """Do it. Every end but that of the worker is written to the job's row.
+
+        pass_on: for a job of a newer service, which fails without. Whether it was passed on.
+        Whatever is raised has cut the attempt short: it needs another give_up().
+        """
+        return self._trace(self._work, pass_on)
+
+    def capture(self, pass_on: PassOn) -> None:
+        """Have the camera take the pair, and put the job back for the rest, as run() does it."""
+        self._trace(lambda: self._take(pass_on))
+
+    def _trace(self, work: Callable[[], bool], pass_on: PassOn | None = None) -> bool:
+        job = self._job
+        attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
+        with tracing.attempt(job.trace_id, job.span_id, attributes):
+            try:
+                return self._run(work, pass_on)
+            finally:
+                self._stages.end()
+
+    def _run(self, work: Callable[[], bool], pass_on: PassOn | None) -> bool:
+        self._log.info("started")
+        passed_on = False
+        try:
+            counts = work()
+        except sandbox.StoppedError:
+            counts = False
+        except sandbox.TaskError as error:
+            if pass_on and error.problem["type"] == problem_of(OlderWorkerError(""), "").type:
+                self._log.warning("put back for a newer worker")
+                counts = passed_on = self._put_back(pass_on)
+            else:
+                counts = self.fail(error.problem)
+        except (*AWAY, ChildProcessError):  # another follows
+            raise
+        except Exception as error:
+            if isinstance(error, FileNotFoundError) and self._stopping.is_void():
+                counts = False  # its photographs were deleted with it
+            else:
+                counts = self.fail(self._problem_of(error))
+        if not counts:
+            self.give_up()
+        return passed_on
+
+    def _problem_of(self, error: Exception) -> dict[str, Any]:
+        if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
+            self._log.error("failed", exc_info=error)
+            metrics.count_fault(error)
+        if isinstance(error, OSError) and error.errno in FULL:
+            error = StorageFullError(sandbox.DISK_IS_FULL)
+        return problem_of(error, self._job.trace_id).model_dump()
+
+    def _take(self, pass_on: PassOn) -> bool:
+        with self._flash_left_off():
+            self._begin()
+            if not self._job.inputs:
+                with contextlib.ExitStack() as stack:
+                    self._capture(self._folder(stack))
+        return self._put_back(pass_on)
+
+    def _put_back(self, pass_on: PassOn) -> bool:
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                counts = jobs.release(connection, self._job)
+                if counts:
+                    pass_on(connection)
+                return counts
+
+        return self._patiently(write)
+
+    def _begin(self) -> None:
+        self._stopping.check()
+        with self._engine.connect() as connection:
+            self._track = eta.Track(eta.pace_of(connection, self._job))
+
+    def _folder(self, stack: contextlib.ExitStack) -> Path:
+        return self._patiently(lambda: stack.enter_context(scratch.folder(self._settings.data_dir)))
+
+    def _work(self) -> bool:
+        self._begin()
+        with contextlib.ExitStack() as stack:
+            directory = self._folder(stack)
+            if self._job.capture and not self._job.inputs:  # queued before cameras had queues
+                with self._flash_left_off():
+                    self._capture(directory)
+            elif self._job.task == "mix":
+                self._fetch_layers(directory)
+            else:
+                self._stages.enter("fetch")
+                self._fetch(directory)
+            if self._job.task == "separate":
+                self._bring_kept(directory)
+            self._run_task(self._job.task, directory)
+            if self._job.task == "calibrate":
+                self._note_camera(directory)
+            self._track.reach("store", 0.0)
+            self._stages.enter("store")
+            results = [self._store(path) for path in results_of(directory)]
+        self._stages.end()
+        counts = self._end(partial(jobs.succeed, stage_seconds=self._stages.seconds), results)
+        if counts:
+            self._log.info("succeeded")
+            tracing.note("outcome", "succeeded")
+        return counts
+
+    def _fetch(self, directory: Path) -> None:
+        assert self._job.inputs is not None
+        for frame in FRAMES:
+            key = self._job.inputs[frame]["key"]
+            self._patiently(partial(self._storage.get_file, key, directory / frame))
+
+    def _clear_lost(self) -> None:
+        """Delete what earlier attempts have left, which no quota counts: else it stays for ever."""
+        # What is left of them here goes with the job.
+        with contextlib.suppress(BaseError):
+            for lost in range(1, self._job.attempt):
+                self._storage.delete_below(results_key(self._job.id, lost))
+                if self._job.capture and not self._job.has_pair_of(lost):
+                    self._storage.delete_below(captured_key(self._job.id, lost))
+
+    def _capture(self, directory: Path) -> None:
+        kept = False
+
+        def ask(question: dict[str, Any], is_void: Callable[[], bool]) -> bool:
+            nonlocal kept
+            if question["kind"] == "operator":
+                return self._ask_operator(question["request"], question["seconds"], is_void)
+            kept = self._keep_pair(directory, question["settings"])
+            return kept
+
+        try:
+            told = self._run_task("capture", directory, ask)
+        except (sandbox.TaskError, AttemptError) as error:
+            if not kept:
+                if isinstance(error, sandbox.TaskError) and self._is_elsewhere_perhaps(error):
+                    error.problem["detail"] += _ELSEWHERE
+                raise
+            self._log.warning("cut short after the pair was kept: %s", type(error).__name__)
+            return
+        if not kept and not self._keep_pair(directory, told["settings"]):
+            raise sandbox.StoppedError
+        if self._job.camera and told["info"]:
+            with contextlib.suppress(*AWAY), self._engine.begin() as connection:
+                cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
+
+    def _is_elsewhere_perhaps(self, error: sandbox.TaskError) -> bool:
+        """Whether a camera was not found, and that on the USB of one of several hosts."""
+        here, camera = host.of_usb(self._engine), self._job.camera
+        not_found = error.problem["type"] == problem_of(CameraNotFoundError(), "").type
+        if not (not_found and here and camera):
+            return False
+        with self._engine.connect() as connection:
+            return cameras.may_be_elsewhere(connection, camera, here)
+
+    @contextlib.contextmanager
+    def _flash_left_off(self) -> Iterator[None]:
+        """Have the flash off where a process ends that had no time to see to it, or was lost."""
+        try:
+            yield
+        except sandbox.TaskError:  # its process has seen to it
+            raise
+        except Exception:
+            self.leave_flash_off()
+            raise
+
+    def leave_flash_off(self) -> None:
+        """Switch off the flash that a capture of this job may have left on, if it has a switch."""
+        wanted = self._pair_to_take()
+        if wanted.flash == "external" and wanted.switch is not None:
+            leave_flash_off(wanted.switch)
+
+    def _keep_pair(self, directory: Path, settings: dict[str, Any]) -> bool:
+        """Store a pair for good and write that the job has it; false when this counts no more."""
+        inputs = {}
+        for frame in FRAMES:
+            key = captured_key(self._job.id, self._job.attempt, frame)
+            inputs[frame] = {"key": key, "sha256": self._keep(key, directory / frame)}
+        size = sum((directory / frame).stat().st_size for frame in FRAMES)
+
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                return jobs.set_inputs(connection, self._job, inputs, size, settings)
+
+        return self._patiently(write)
+
+    def _ask_operator(self, request: str, seconds: float, is_void: Callable[[], bool]) -> bool:
+        """Wait for a person, whom the job's row asks; whether it was confirmed in time.
+
+        is_void: whether nobody wants the answer any more.
+        """
+
+        def ask() -> None:
+            with self._engine.begin() as connection:
+                jobs.ask_operator(connection, self._job, request, seconds)
+
+        def look() -> bool | None:
+            with self._engine.begin() as connection:
+                return jobs.confirmed(connection, self._job)
+
+        self._patiently(ask)
+        while (done := self._patiently(look)) is None and not is_void():
+            self._stopping.pause(ASK_SECONDS)
+        return bool(done)
+
+    def _bring_kept(self, directory: Path) -> None:
+        with self._engine.connect() as connection:
+            rows = kept.for_separation(connection, self._job)
+        found = []
+        for row in rows:
+            key = results_key(row.id, row.attempt, FILES[row.options["kind"]])
+            with contextlib.suppress(FileNotFoundError):  # deleted at this moment
+                found.append(kept.made_of(row, self._patiently(partial(self._storage.get, key))))
+        self._patiently(partial(kept.write, directory, found))
+
+    def _note_camera(self, directory: Path) -> None:
+        manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
+
+        def write() -> None:
+            with self._engine.begin() as connection:
+                row = jobs.find(connection, self._job.id)
+                if row and row.inputs:
+                    inputs = kept.with_camera(row.inputs, manifest["taken_with"])
+                    size, settings = row.stored_bytes, row.camera_settings
+                    jobs.set_inputs(connection, self._job, inputs, size, settings)
+
+        self._patiently(write)
+
+    def _fetch_layers(self, directory: Path) -> None:
+        self._stages.enter("fetch")
+        with self._engine.connect() as connection:
+            source = jobs.find(connection, self._job.options["of"])
+        try:
+            if source is None:
+                raise FileNotFoundError
+            for name in (LAYERS, MANIFEST):
+                key = results_key(source.id, source.attempt, name)
+                self._patiently(partial(self._storage.get_file, key, directory / name))
+        except FileNotFoundError as error:
+            raise LayersGoneError(
+                "The job whose layers were to be mixed has been deleted; separate the pair anew."
+            ) from error
+
+    def _run_task(self, kind: Kind, directory: Path, ask: sandbox.Ask | None = None) -> Any:
+        task = Task(
+            kind=kind,
+            job=self._job.id,
+            trace_id=self._job.trace_id,
+            directory=str(directory),
+            limits=Limits.of(self._settings, self._settings.job_seconds),
+            options=self._job.options,
+            camera=self._pair_to_take() if kind == "capture" else None,
+        )
+
+        def run() -> Any:
+            shutil.rmtree(directory / RESULTS, ignore_errors=True)
+            seconds, server = self._settings.job_seconds, self._fork_server
+            return sandbox.run(task, seconds, self._report, self._stopping.is_due, server, ask)
+
+        # A pair that was kept already must not be taken again over it.
+        return self._patiently(run, _has_not_begun if kind == "capture" else passes)
+
+    def _pair_to_take(self) -> TakePair:
+        assert self._job.capture is not None
+        asked = Capture(**self._job.capture)
+        return TakePair(
+            camera=asked.camera,
+            flash=asked.flash,
+            settings=asked.settings,
+            keep=asked.keep,
+            switch=self._settings.flash_switch,
+            settle_seconds=self._settings.flash_settle_seconds,
+            operator_seconds=self._settings.operator_seconds,
+        )
+
+    def _store(self, path: Path) -> dict[str, Any]:
+        self._stopping.check()
+        key = results_key(self._job.id, self._job.attempt, path.name)
+        return {
+            "name": path.name,
+            "size": path.stat().st_size,
+            "sha256": self._keep(key, path, headers_of(path.name)),
+            "media_type": media_type(path.name),
+        }
+
+    def _keep(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
+        """Store a file so that it outlasts a power cut; its SHA-256. headers: of its link."""
+
+        def put() -> str:
+            digest = self._storage.put_file(key, path, headers)
+            self._storage.flush([key])
+            return digest
+
+        return self._patiently(put)
+
+    def _patiently(
+        self, work: Callable[[], Result], may_pass: Callable[[Exception], bool] = passes
+    ) -> Result:
+        """Wait for what may pass, like a store that is away, but not when the job is to stop."""
+        seconds = self._settings.patience_seconds
+        return patiently(work, seconds, self._stopping.pause, self._log, may_pass)
+
+    def _report(self, stage: str, fraction: float) -> None:
+        self._track.reach(stage, fraction)
+        self._stages.enter(stage)
+        last_stage, last_time = self._reported
+        if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
+            return
+        self._reported = (stage, time.monotonic())
+        with contextlib.suppress(*AWAY), self._engine.begin() as connection:
+            jobs.report(
+                connection,
+                self._job,
+                stage,
+                fraction,
+                self._track.progress,
+                self._track.seconds_left,
+            )
+
+    def fail(self, problem: dict[str, Any]) -> bool:
+        """End the job with a problem; whether this counts."""
+        counts = self._end(jobs.fail, problem)
+        if counts:
+            self._log.info("failed: %s", problem["type"])
+            tracing.note("outcome", problem["type"])
+            with contextlib.suppress(BaseError):  # what is left of them here goes with the job
+                self._storage.delete_below(results_key(self._job.id, self._job.attempt))
+        return counts
+
+    def _end(self, end: Callable[..., bool], outcome: Any) -> bool:
+        """Write the job's end, once the database is there; whether it counts."""
+
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
+                return counts or self._counted(connection)
+
+        counts = self._patiently(write)
+        if counts:
+            self._clear_lost()
+        return counts
+
+    def _counted(self, connection: sa.Connection) -> bool:
+        """Whether this attempt has ended the job already: the answer to that may have been lost."""
+        row = jobs.find(connection, self._job.id)
+        return (
+            row is not None
+            and row.attempt == self._job.attempt
+            and row.state in (State.SUCCEEDED, State.FAILED)
+        )
+
+    def give_up(self, lost: bool = False) -> None:
+        """End an attempt that was canceled, taken over, deleted, or put back by a worker's end.
+
+        One that has ended the job stays as it is. lost: whether it counts as one that the job lost.
+        Files of it that are not ours to delete stay: a worker tries again whatever is raised.
+        """
+        with self._engine.begin() as connection:
+            canceled = jobs.acknowledge_cancel(connection, self._job, self._keep_seconds)
+            if lost and not canceled:
+                jobs.lose(connection, self._job)
+            elif not canceled:
+                jobs.release(connection, self._job)
+            row = jobs.find(connection, self._job.id)
+        if canceled:
+            self._log.info("canceled")
+            tracing.note("outcome", "canceled")
+        if row is None:
+            self._clear(job_key(self._job.id))
+        elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
+            self._clear(results_key(self._job.id, self._job.attempt))
+            if self._job.capture and not row.has_pair_of(self._job.attempt):
+                self._clear(captured_key(self._job.id, self._job.attempt))
+            self._clear_lost()
+
+    def _clear(self, prefix: str) -> None:
+        if not self._storage.try_delete_below(prefix):
+            self._log.warning("files of an attempt that does not count cannot be deleted")
+
+
+def _has_not_begun(error: Exception) -> bool:
+    return isinstance(error, NoProcessError)

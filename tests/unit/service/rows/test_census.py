@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+from service.rows import census, database, jobs
+
+
+def _add(connection: sa.Connection, job_id: str, ago: float, **values: Any) -> None:
+    """Put a job that came so many seconds ago into the queue."""
+    row = {"id": job_id, "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    jobs.add(connection, row)
+    more = {"created": database.now() - ago, **values}
+    connection.execute(sa.update(database.jobs).where(database.jobs.c.id == job_id).values(more))
+
+
+def test_what_waits_for_a_camera_does_not_wait_for_a_worker(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        _add(connection, "for its hour", 9000, camera="studio", capture={})
+        assert census.longest_wait(connection) == 0
+        _add(connection, "for a worker", 100)
+        assert census.longest_wait(connection) == pytest.approx(100, abs=50)
+
+
+def test_a_pair_that_was_taken_waits_from_then_on(engine: sa.Engine) -> None:
+    taken = {"camera": "studio", "capture": {}, "inputs": {}, "started": database.now() - 100}
+    with engine.begin() as connection:
+        _add(connection, "a", 9000, **taken)
+        assert census.longest_wait(connection) == pytest.approx(100, abs=50)
+
+
+def test_an_attempt_that_was_cut_short_does_not_shorten_the_wait(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        _add(connection, "a", 9000, started=database.now() - 100)
+        assert census.longest_wait(connection) == pytest.approx(9000, abs=50)

@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from service.rows import database, heartbeats
+
+
+def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        heartbeats.beat(connection, "w1")
+        heartbeats.beat(connection, "w2")
+        connection.execute(
+            sa.update(database.workers)
+            .where(database.workers.c.id == "w1")
+            .values(seen=database.workers.c.seen - 100)
+        )
+        assert heartbeats.living(connection, 15) == {"w2"}
+        connection.execute(sa.update(database.workers).values(seen=database.workers.c.seen - 100))
+        heartbeats.beat(connection, "w2")
+        assert heartbeats.living(connection, 15) == {"w2"}

@@ -1,0 +1,105 @@
+"""Attempts that database or store do not serve at their end; the test is their process."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from obstore.exceptions import GenericError, PermissionDeniedError
+
+from pipeline.result_names import MANIFEST
+from service.api.context import Context
+from service.object_keys import results_key
+from service.rows import expiry, jobs, kept
+from service.rows.states import State
+from service.storage import Storage
+from service.work import sandbox
+from service.work.attempt import Attempt
+from service.work.stopping import Stopping
+from service.work.tasks import RESULTS, Task
+from tests.unit.service.asking import stored, stored_job
+
+TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
+
+
+def _attempt(context: Context, job_id: str) -> Attempt:
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, job_id, "w")
+    assert held is not None
+    server, settings = context.fork_server, context.settings
+    return Attempt(held, context.engine, context.storage, settings, server, lambda: False)
+
+
+def test_a_database_that_is_away_when_the_camera_is_noted_costs_no_second_calibration(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    away = [sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))]
+    set_inputs = jobs.set_inputs
+
+    def calibrate(task: Task, *_rest: object) -> None:
+        made.append(task.kind)
+        folder = Path(task.directory) / RESULTS
+        folder.mkdir()
+        (folder / MANIFEST).write_text(json.dumps({"taken_with": TAKEN_WITH}))
+
+    def set_in_the_end(*arguments: Any) -> bool:
+        if away:
+            raise away.pop()
+        return set_inputs(*arguments)
+
+    monkeypatch.setattr(sandbox, "run", calibrate)
+    monkeypatch.setattr(jobs, "set_inputs", set_in_the_end)
+    monkeypatch.setattr(Stopping, "pause", lambda _stopping, _seconds: None)
+    options = {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}
+    job_id = stored_job(context, options=options)
+    _attempt(context, job_id).run()
+    job = stored(context.engine, job_id)
+    assert (job.state, job.attempt, made) == (State.SUCCEEDED, 1, ["calibrate"])
+    assert kept.taken_with(job).model == "D5100"
+
+
+@pytest.mark.parametrize("end", ["canceled", "deleted"])
+def test_files_that_cannot_be_deleted_hold_no_worker_up(
+    end: str, context: Context, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A bucket may let the service write and read alone."""
+    job_id = stored_job(context)
+    attempt = _attempt(context, job_id)
+    context.storage.put(results_key(job_id, 1, "a.png"), b"half")
+    with context.engine.begin() as connection:
+        jobs.request_cancel(connection, job_id)
+        if end == "deleted":
+            expiry.remove(connection, job_id)
+
+    def refuse(_storage: Storage, _prefix: str) -> None:
+        raise PermissionDeniedError("no right to delete")
+
+    monkeypatch.setattr(Storage, "delete_below", refuse)
+    attempt.give_up()
+    assert "files of an attempt that does not count cannot be deleted" in caplog.text
+    if end == "canceled":
+        assert stored(context.engine, job_id).state == State.CANCELED
+
+
+def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job_id = stored_job(context)
+    attempt = _attempt(context, job_id)
+    context.storage.put(results_key(job_id, 1, "a.png"), b"half")
+
+    def away(*_arguments: object) -> None:
+        raise GenericError("away")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Storage, "delete_below", away)
+        patch.setattr(Storage, "check", away)
+        with pytest.raises(GenericError):
+            attempt.give_up()
+    attempt.give_up()
+    assert context.storage.list(results_key(job_id, 1)) == []

@@ -1,0 +1,559 @@
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sqlite3
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from obstore.exceptions import GenericError
+
+from service import dbos_queue, metrics
+from service.dbos_queue import Held
+from service.errors import StartError
+from service.frames import FRAMES
+from service.object_keys import describe_inputs, results_key
+from service.rows import cameras, database, heartbeats, jobs
+from service.rows.database import AWAY
+from service.rows.states import State
+from service.settings import Settings
+from service.storage import Storage
+from service.work import host, presence, worker
+from service.work.attempt import Attempt
+from service.work.worker import Worker
+from tests.unit.service.at_first import at_first
+from tests.unit.service.full_disk import full_disk
+
+CUT_SHORT = {
+    "its process died": ChildProcessError("the fork server has died"),
+    "something nobody thought of": RuntimeError("what?"),
+}
+
+
+@pytest.fixture
+def one(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
+    """A worker that lives, whose queue is the test, and that does not wait before it retries."""
+    monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.0)
+    one = Worker(settings)
+    one._beat()
+    yield one
+    one._engine.dispose()
+
+
+def _add(one: Worker, **values: Any) -> None:
+    row = {
+        "id": "a",
+        "options": {},
+        "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "")),
+        "trace_id": "1" * 32,
+        "request_hash": "",
+    }
+    with one._engine.begin() as connection:
+        jobs.add(connection, row | values)
+
+
+def _find(one: Worker) -> jobs.Job:
+    with one._engine.connect() as connection:
+        job = jobs.find(connection, "a")
+    assert job is not None
+    return job
+
+
+def _ends(attempt: Attempt, *_pass_on: object) -> None:
+    with attempt._engine.begin() as connection:
+        assert jobs.succeed(connection, attempt._job, [])
+
+
+@pytest.mark.parametrize(
+    ("error", "lost"),
+    [
+        (sa.exc.OperationalError("", None, sqlite3.OperationalError("disk is full")), 0),
+        (sa.exc.TimeoutError("all connections to the database are in use"), 0),
+        (GenericError("the store is away"), 0),
+        (ChildProcessError("the fork server has died"), 1),
+        (KeyError("a fault of ours"), 1),
+    ],
+)
+def test_whatever_cuts_an_attempt_short_another_follows(
+    one: Worker, error: Exception, lost: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Raised to the queue, it would take the job out there, and leave its row running for ever."""
+    monkeypatch.setattr(Attempt, "run", at_first(error, _ends))
+    _add(one)
+    one.run("a")
+    job = _find(one)
+    assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
+
+
+def test_a_worker_is_known_to_live_on_its_host(one: Worker) -> None:
+    one._beat()
+    with one._engine.connect() as connection:
+        assert heartbeats.live_on(connection, host.name())
+        assert not heartbeats.live_on(connection, host.name()[:-1])
+
+
+def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its row would stay running, and wait for a worker that finds this one dead."""
+    monkeypatch.setattr(dbos_queue, "launch", lambda *_: None)
+    monkeypatch.setattr(metrics, "serve", lambda *_: None)
+    monkeypatch.setattr(one._fork_server, "start", lambda: None)
+    monkeypatch.setattr(Attempt, "run", _ends)
+    stop = threading.Event()
+    serving = threading.Thread(target=one.serve, args=(stop,))
+    left: list[bool] = []
+
+    def claim(*arguments: Any) -> jobs.Job | None:
+        stop.set()
+        serving.join(timeout=1.5)  # longer than what it waits for between two heartbeats
+        left.append(not serving.is_alive())
+        return jobs.claim(*arguments)
+
+    one._settings = one._settings.model_copy(update={"heartbeat_seconds": 0.1})
+    _add(one)
+    serving.start()
+    wanted = ("a", claim, lambda _connection, job: job.ended)
+    threading.Thread(target=one._run, args=wanted, daemon=True).start()  # it never returns
+    serving.join()
+    assert left == [False]
+    assert _find(one).state == State.SUCCEEDED
+
+
+def test_no_job_begins_once_a_stop_has(one: Worker) -> None:
+    _add(one)
+    one._stopping.set()
+    thread = threading.Thread(target=one.run, args=("a",), daemon=True)  # it never returns
+    thread.start()
+    thread.join(timeout=0.5)
+    assert thread.is_alive()
+    assert (_find(one).state, one._busy) == (State.QUEUED, 0)
+
+
+@pytest.mark.parametrize("how", CUT_SHORT)
+def test_attempts_that_are_cut_short_are_bounded(
+    how: str, one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    attempts: list[int] = []
+
+    def work(attempt: Attempt, *_pass_on: object) -> bool:
+        attempts.append(attempt._job.attempt)
+        raise CUT_SHORT[how]
+
+    monkeypatch.setattr(Attempt, "run", work)
+    _add(one)
+    for lost in (1, 2, 3):  # whose worker had no time to remove them
+        one._storage.put(results_key("a", lost, "a.png"), b"half")
+    monkeypatch.setattr(Attempt, "_clear", lambda *_arguments: None)
+    one.run("a")
+    assert one._storage.list("jobs/") == []
+    assert attempts == [1, 2, 3]
+    job = _find(one)
+    assert (job.state, job.lost) == (State.FAILED, 3)
+    assert job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:abandoned"
+    assert "cut short 3 times" in job.error["detail"]
+    assert str(CUT_SHORT[how]) in caplog.text
+
+
+def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_short(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where what kills them fills the memory or the disk of both."""
+    attempts: list[int] = []
+    away: list[sa.exc.OperationalError] = []
+    give_up = Attempt.give_up
+
+    def work(attempt: Attempt, *_pass_on: object) -> None:
+        attempts.append(attempt._job.attempt)
+        if len(attempts) > 3:  # else it went on for ever
+            _ends(attempt)
+            return
+        away.append(sa.exc.OperationalError("", None, sqlite3.OperationalError("away")))
+        raise CUT_SHORT["its process died"]
+
+    def give_up_later(attempt: Attempt, lost: bool = False) -> None:
+        if away:
+            raise away.pop()
+        give_up(attempt, lost)
+
+    monkeypatch.setattr(Attempt, "run", work)
+    monkeypatch.setattr(Attempt, "give_up", give_up_later)
+    _add(one)
+    one.run("a")
+    assert attempts == [1, 2, 3]
+    job = _find(one)
+    assert (job.state, job.lost) == (State.FAILED, 3)
+
+
+def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(_attempt: Attempt, *_pass_on: object) -> None:
+        with one._engine.begin() as connection:
+            jobs.request_cancel(connection, "a")
+        raise CUT_SHORT["its process died"]
+
+    monkeypatch.setattr(Attempt, "run", work)
+    _add(one)
+    one.run("a")
+    assert _find(one).state == State.CANCELED
+
+
+@pytest.mark.parametrize("seen", ["by its heartbeat", "when it takes the job"])
+def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> None:
+    _add(one, deadline=1.0)
+    if seen == "by its heartbeat":
+        one.keep()
+    else:
+        one.run("a")
+    job = _find(one)
+    assert (job.state, job.results) == (State.FAILED, None)
+    assert job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:deadline-passed"
+    assert (job.error["retryable"], job.error["trace_id"]) == (True, "1" * 32)
+
+
+def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_on(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "_OVERDUE_AT_ONCE", 2)
+    withdrawn: list[tuple[str, ...]] = []
+    monkeypatch.setattr(one._queue, "withdraw", lambda *job_ids: withdrawn.append(job_ids))
+    for number, job_id in enumerate(("a", "b", "c", "in time")):
+        _add(one, id=job_id, deadline=9e9 if job_id == "in time" else 1.0 + number)
+    for _ in range(3):
+        one.keep()
+    assert withdrawn == [("a", "b"), ("c",)]
+    with one._engine.connect() as connection:
+        found = {job.id: job.state for job in jobs.newest(connection, None, 10)}
+    assert found == dict.fromkeys("abc", State.FAILED) | {"in time": State.QUEUED}
+
+
+def test_late_jobs_fail_in_one_transaction(one: Worker) -> None:
+    for job_id in "abc":
+        _add(one, id=job_id, deadline=1.0)
+    writes: list[int] = []
+
+    def count(_c: object, _cursor: object, query: str, *_more: object) -> None:
+        if query.startswith("UPDATE jobs"):
+            writes.append(len(commits))
+
+    commits: list[None] = []
+    sa.event.listen(one._engine, "before_cursor_execute", count)
+    sa.event.listen(one._engine, "commit", lambda _connection: commits.append(None))
+    one.keep()
+    assert writes == [writes[0]] * 3
+
+
+def test_a_heartbeat_outlives_what_breaks_it(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> list[str]:
+        raise RuntimeError("no such workflow")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(one._queue, "held", fail)
+        one.keep()
+    assert "no such workflow" in caplog.text
+    with one._engine.begin() as connection:
+        connection.execute(sa.delete(database.workers))
+    one.keep()
+    with one._engine.connect() as connection:
+        assert connection.execute(sa.select(database.workers.c.id)).scalars().all() == [one.id]
+
+
+def test_an_attempt_is_given_up_when_the_database_is_back(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    away = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
+    monkeypatch.setattr(Attempt, "run", at_first(away, _ends))
+    monkeypatch.setattr(Attempt, "give_up", at_first(away, Attempt.give_up))
+    _add(one)
+    one.run("a")
+    assert _find(one).state == State.SUCCEEDED
+
+
+def test_a_claim_whose_answer_got_lost_is_made_again(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim = jobs.claim
+    lost = [True]
+
+    def claim_and_lose(_connection: sa.Connection, job_id: str, name: str) -> jobs.Job | None:
+        with one._engine.begin() as connection:
+            held = claim(connection, job_id, name)
+        if lost:
+            lost.pop()
+            raise sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
+        return held
+
+    monkeypatch.setattr(jobs, "claim", claim_and_lose)
+    monkeypatch.setattr(Attempt, "run", _ends)
+    _add(one)
+    one.run("a")
+    job = _find(one)
+    assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, 0)
+
+
+def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The queue may bring it twice: what was taken over from a frozen worker may come back."""
+    begun, go = threading.Event(), threading.Event()
+    runs: list[int] = []
+
+    def run(attempt: Attempt, *_pass_on: object) -> None:
+        runs.append(attempt._job.attempt)
+        begun.set()
+        assert go.wait(60)
+        _ends(attempt)
+
+    monkeypatch.setattr(Attempt, "run", run)
+    _add(one)
+    threads = [threading.Thread(target=one.run, args=("a", again)) for again in range(2)]
+    threads[0].start()
+    assert begun.wait(60)
+    threads[1].start()
+    go.set()
+    for thread in threads:
+        thread.join()
+    assert runs == [1]
+
+
+def test_what_the_queues_forgot_to_bring_is_put_back(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sweep of which the answer got lost would hold up all others, a telling be told never."""
+    put_back: list[set[str]] = []
+    held = [
+        Held("mine", one.id, "jobs"),
+        Held("running-again-1", one.id, "jobs"),
+        Held("a telling", one.id, "webhooks"),
+        Held("a sweep", one.id, "upkeep"),
+        Held("dead", "another", "jobs"),
+        Held("living", "neighbour", "jobs"),
+    ]
+
+    def look() -> list[Held]:
+        with one._engine.begin() as connection:
+            heartbeats.beat(connection, "neighbour")  # which may just have come
+        return held
+
+    monkeypatch.setattr(one._queue, "held", look)
+    monkeypatch.setattr(
+        one._queue, "put_back", lambda found: put_back.append({held.id for held in found})
+    )
+    one._runs.add("running")
+    one.keep()
+    one.keep()
+    assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
+
+
+def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    held = [
+        Held("a", "another", "jobs"),
+        Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
+        Held(dbos_queue.telling_id("c", 12), "another", "webhooks"),
+        Held("sched-often-1", "another", "upkeep"),
+    ]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", lambda _found: None)
+    before = metrics.TAKEOVERS._value.get()
+    one.keep()
+    logged = {vars(line)["job"] for line in caplog.records if line.message == "taken over"}
+    assert logged == {"a", "b", "c", "sched-often-1"}
+    assert metrics.TAKEOVERS._value.get() - before == 2
+
+
+def test_tellings_and_sweeps_that_take_long_are_not_put_back(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, go = threading.Barrier(3), threading.Event()
+    put_back: list[set[Held]] = []
+    done: list[tuple[Any, ...]] = []
+
+    def work(*arguments: Any) -> None:
+        begun.wait(60)
+        assert go.wait(60)
+        done.append(arguments)
+
+    monkeypatch.setattr(one._teller, "tell", work)
+    monkeypatch.setattr(one._sweeping, "run", work)
+    held = [Held("a-webhook-2", one.id, "webhooks"), Held("sched-often", one.id, "upkeep")]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", put_back.append)
+    threads = [
+        threading.Thread(target=one.tell, args=("a", 2)),
+        threading.Thread(target=one.sweep, args=("sched-often", True)),
+    ]
+    for thread in threads:
+        thread.start()
+    begun.wait(60)
+    one.keep()
+    one.keep()
+    go.set()
+    for thread in threads:
+        thread.join()
+    assert put_back == [set(), set()]
+    assert sorted(done, key=len) == [(True,), ("a", 2)]
+
+
+@pytest.mark.parametrize("error", AWAY)
+def test_a_database_that_is_away_does_not_end_a_worker(
+    one: Worker, error: type[sa.exc.SQLAlchemyError], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = error("", None, sqlite3.OperationalError("away"))
+    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
+    one.keep()
+    one.keep()
+    with one._engine.begin() as connection:
+        assert heartbeats.living(connection, 60) == {one.id}
+
+
+@pytest.mark.parametrize("noticed", ["by its heartbeat", "by the sweep", "at its start"])
+def test_on_a_full_disk_of_the_database_a_worker_makes_room(noticed: str, one: Worker) -> None:
+    """No sweep comes out of its queue then."""
+    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    one._storage.put("jobs/a/inputs/flash", b"light")
+    with full_disk(one._engine):
+        if noticed == "by its heartbeat":
+            one.keep()
+        elif noticed == "by the sweep":
+            one.sweep("s", False)
+        else:
+            with pytest.raises(StartError, match="cannot be written: make room on its disk"):
+                one._enter()
+        assert one._storage.list("jobs/") == []
+        assert _find(one).state == State.SUCCEEDED
+    one._enter()
+    one.sweep("s", False)
+    with one._engine.connect() as connection:
+        assert jobs.find(connection, "a") is None
+
+
+def test_a_database_that_is_away_makes_no_room(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    one._storage.put("jobs/a/inputs/flash", b"light")
+    gone = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
+    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
+    one.keep()
+    assert len(one._storage.list("")) == 1
+
+
+def test_a_heartbeat_outlives_room_that_cannot_be_made(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(_storage: Storage) -> int:
+        raise GenericError("the store is away")
+
+    monkeypatch.setattr(Storage, "free_bytes", fail)
+    with full_disk(one._engine):
+        one.keep()
+    assert "making room was cut short, store-unavailable: the store is away" in caplog.text
+    assert not any(line.exc_info for line in caplog.records)
+    one.keep()
+    with one._engine.begin() as connection:
+        assert heartbeats.living(connection, 60) == {one.id}
+
+
+def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its silence is not waited for, as that of a worker elsewhere is."""
+    monkeypatch.setattr(presence, "dead", lambda _folder: iter(["died-here"]))
+    put_back: list[Held] = []
+    held = [Held("a", "died-here", "jobs"), Held("b", "elsewhere", "jobs")]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", put_back.extend)
+    with one._engine.begin() as connection:
+        for name in ("died-here", "elsewhere"):
+            heartbeats.beat(connection, name)
+    one.keep()
+    assert put_back == held[:1]
+
+
+def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one: Worker) -> None:
+    """As after an attempt that its worker's end or a dead process cut short in between."""
+    with one._engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+    _add(one, camera=camera, capture={"camera": "sim://studio"})
+    assert not _queued(one)
+    one.capture("a")
+    one.capture("a")  # and once
+    assert _queued(one) == ["a"]
+
+
+@pytest.fixture
+def told_off(one: Worker, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Orders by which the worker's switch of a flash was told off."""
+    told: list[str] = []
+    one._settings = one._settings.model_copy(update={"flash_switch": "relay {state}"})
+    for module in ("worker", "attempt"):
+        monkeypatch.setattr(f"service.work.{module}.leave_flash_off", told.append)
+    return told
+
+
+def _capturing(one: Worker, worker: str) -> None:
+    """Have a worker take the pair of a job, with the flash on the operator's switch."""
+    capture = {"camera": "sim://studio", "flash": "external"}
+    with one._engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+    _add(one, camera=camera, capture=capture, inputs=None)
+    with one._engine.begin() as connection:
+        assert cameras.claim(connection, "a", worker)
+
+
+@pytest.mark.parametrize("flash", ["external", "property", None])
+def test_the_flash_of_a_job_that_is_gone_is_left_off_unless_another_job_has_its_switch(
+    flash: str | None, one: Worker, told_off: list[str]
+) -> None:
+    if flash:
+        _capturing(one, one.id)
+        with one._engine.begin() as connection:
+            capture = {"camera": "sim://studio", "flash": flash}
+            connection.execute(sa.update(database.jobs).values(capture=capture))
+    one.capture("gone")
+    assert told_off == ([] if flash == "external" else ["relay {state}"])
+
+
+@pytest.mark.parametrize("end", [State.CANCELED, State.FAILED])
+def test_the_flash_of_a_capture_whose_worker_died_is_left_off_though_no_attempt_follows(
+    end: State, one: Worker, told_off: list[str]
+) -> None:
+    _capturing(one, "dead")
+    with one._engine.begin() as connection:
+        if end == State.CANCELED:
+            jobs.request_cancel(connection, "a")
+        else:
+            connection.execute(sa.update(database.jobs).values(lost=jobs.LOST_ATTEMPTS - 1))
+    one.capture("a")
+    assert (_find(one).state, told_off) == (end, ["relay {state}"])
+
+
+def _queued(one: Worker) -> list[str]:
+    with one._engine.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT workflow_uuid FROM workflow_status")
+        return [row[0] for row in rows]
+
+
+def test_a_worker_that_cannot_start_says_so_in_one_line_of_the_log(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = {"DATA_DIR": str(tmp_path), "METRICS_PORT": str(other.getsockname()[1])}
+        given = {f"LIGHTLAYERS_{name}": text for name, text in settings.items()}
+        command = [sys.executable, "-m", "service.work.worker"]
+        done = subprocess.run(
+            command, env=os.environ | given, capture_output=True, text=True, check=False
+        )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
+    assert "set another LIGHTLAYERS_METRICS_PORT" in json.loads(line)["message"]

@@ -1,0 +1,66 @@
+"""What a worker says of a database that goes away under it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+import sqlalchemy as sa
+
+from service import dbos_queue
+from service.errors import StartError
+from service.settings import Settings
+from service.work.worker import Worker
+
+_AWAY = sa.exc.OperationalError("SELECT 1", {}, Exception("connection failed: refused\nDETAIL: x"))
+
+
+@pytest.fixture
+def one(settings: Settings) -> Iterator[Worker]:
+    """A worker that has not begun."""
+    one = Worker(settings)
+    yield one
+    one._engine.dispose()
+
+
+def _fail_with(error: Exception) -> object:
+    def fail(*_arguments: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_database_that_goes_while_a_worker_starts_is_told_in_a_line(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(one._fork_server, "start", lambda: None)
+    monkeypatch.setattr(dbos_queue, "launch", _fail_with(_AWAY))
+    with pytest.raises(StartError) as caught:
+        one.serve(threading.Event())
+    assert str(caught.value) == (
+        "The database of jobs went away while the worker started: start it, or check "
+        "LIGHTLAYERS_DATABASE_URL (connection failed: refused)."
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "traced"),
+    [
+        (_AWAY, "the heartbeat was cut short, database-unavailable: connection failed: refused", 0),
+        (RuntimeError("what?"), "the heartbeat was cut short", 1),
+    ],
+)
+def test_a_heartbeat_without_a_database_is_a_line_and_a_fault_of_ours_a_trace(
+    error: Exception,
+    words: str,
+    traced: int,
+    one: Worker,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(one._queue, "held", _fail_with(error))
+    one.keep()
+    said = [(line.getMessage(), bool(line.exc_info)) for line in caplog.records]
+    assert said == [(words, bool(traced))]
+    assert vars(caplog.records[0])["worker"] == one.id
