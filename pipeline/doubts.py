@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
+from pipeline.lamps.shadows import light_in_shadows
 from pipeline.options import Method
 from pipeline.pair.flash_reach import MOST_STOPS, flash_reach
 from pipeline.pair.pair import Pair
@@ -25,6 +27,7 @@ _RIVAL_DEGREES = 5.0
 _MUCH_WEAK = 0.1  # share of what the lamps light
 _MUCH_CLIPPED = 0.05  # share of the picture
 _MUCH_MARKED = 0.015  # the same
+_MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
@@ -33,8 +36,13 @@ def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> li
 
     method: which found the lamps; only fitted ones tell where one is alone.
     """
-    hidden = without_pure_light(reduced, lamps) if method == "best" else []
-    return [*_of_photographs(pair, reduced), *_of_lamps(reduced, lamps, hidden)]
+    hidden, in_shadows = [], np.zeros(len(lamps))
+    if method == "best":
+        hidden = without_pure_light(reduced, lamps)
+        # one lamp passes for no other, and a rendering's curve bends the light of shadows most
+        if len(lamps) > 1 and not reduced.rendered:
+            in_shadows = light_in_shadows(reduced, pair.flash_only, lamps)
+    return [*_of_photographs(pair, reduced), *_of_lamps(reduced, lamps, hidden, in_shadows)]
 
 
 def expected_snr_db(angle_deg: float, noise: float) -> float:
@@ -44,9 +52,14 @@ def expected_snr_db(angle_deg: float, noise: float) -> float:
     angle; what the model misses does not. Lamps that cannot be told apart at all still share out
     the photograph. Fitted on development scenes.
     """
+    squared = _mixed_up(angle_deg, noise) ** 2 + _LEAST_ERROR**2
+    return max(float(-10.0 * np.log10(squared)), _WORST_DB)
+
+
+def _mixed_up(angle_deg: float, noise: float) -> float:
+    """How much of a lamp's light is likely to be taken for the other's."""
     contrast = max(float(np.sin(np.radians(angle_deg))), LEAST_CONTRAST)
-    mixed_up = (_ERROR_OF_LAMPS**2 + (_NOISE_COUNTS * noise) ** 2) / contrast**2
-    return max(float(-10.0 * np.log10(mixed_up + _LEAST_ERROR**2)), _WORST_DB)
+    return float(np.hypot(_ERROR_OF_LAMPS, _NOISE_COUNTS * noise) / contrast)
 
 
 def relative_noise(reduced: ReducedPair) -> float:
@@ -82,7 +95,9 @@ def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[RunWarning]:
         yield RunWarning(Code.CLIPPED, message, {"share": pair.clipped})
 
 
-def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator[RunWarning]:
+def _of_lamps(
+    reduced: ReducedPair, lamps: Lamps, hidden: list[int], in_shadows: NDArray[np.float64]
+) -> Iterator[RunWarning]:
     if lamps.four_or_more:
         message = (
             "Three lamps do not explain the light at all shadow edges: there may be four or more, "
@@ -99,7 +114,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
         )
         yield RunWarning(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
     else:
-        yield from _of_reflections(reduced, lamps)
+        yield from _of_reflections(reduced, lamps, in_shadows)
     yield from lamps.contradictions
     yield from _of_likeness(reduced, lamps)
     if lamps.rival_deg > _RIVAL_DEGREES:
@@ -126,7 +141,9 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
         yield RunWarning(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
 
 
-def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
+def _of_reflections(
+    reduced: ReducedPair, lamps: Lamps, in_shadows: NDArray[np.float64]
+) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
     share = float(np.mean(_spots(marked)[reduced.usable]))
     if share > _MUCH_MARKED:
@@ -137,6 +154,18 @@ def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
             "and check camera and flash spectrum if it is all over the picture."
         )
         yield RunWarning(Code.REFLECTIONS, message, {"share": share})
+        return
+    lamp = int(in_shadows.argmax())
+    mixed_up = _mixed_up(lamps.least_angle_deg, relative_noise(reduced))
+    if in_shadows[lamp] > _MUCH_IN_SHADOWS * mixed_up:
+        message = (
+            f"In the shadows of {lamp_name(lamp)} there is {in_shadows[lamp]:.0%} of its light: it "
+            "comes by way of walls and things, in their colours, and passes for light of other "
+            "lamps. Layers are approximate where it falls. Keep lamps away from walls and large "
+            "coloured things, or hang something dark before these."
+        )
+        figures = {"in_shadows": float(in_shadows[lamp])}
+        yield RunWarning(Code.REFLECTIONS, message, figures)
 
 
 def _spots(marked: Mask) -> Mask:

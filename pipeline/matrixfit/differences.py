@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.images.frames import Mask
-from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
+from pipeline.matrixfit.contrasts import Places, RelativeLight, contrast, steps
 from pipeline.matrixfit.data import Data
 
 Array = NDArray[np.float64]
@@ -18,16 +20,20 @@ _FACTORS, _SURFACE = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 
 def find_differences(ratios: RelativeLight) -> list[Data]:
-    """Differences between neighbours alike under the flash, by direction; weights are their worth.
+    """Differences across edges of shadows, by direction; weights are their worth."""
+    return [contrast(ratios, at, _FACTORS, _SURFACE) for at in shadow_edges(ratios)]
 
-    Only where the light does not go on changing beyond them: across the edge of a shadow one lamp
-    changes, along a bent surface all of them do.
+
+def shadow_edges(ratios: RelativeLight) -> Iterator[Places]:
+    """Rows and columns (n, 2) of neighbours alike under the flash, by direction.
+
+    From where a lamp shines to where it does not; only where the light does not go on changing
+    beyond them: across the edge of a shadow one lamp changes, along a bent surface all of them do.
     """
     use, light = ratios.use, ratios.total
     if not use.any():
-        return []
+        return
     least = _LEAST_STEP * float(light[use].mean())
-    parts = []
     for ox, oy in steps(use.shape):
         a, b = _shifted(use.shape, ox, oy)
         good = use[a] & use[b]
@@ -37,12 +43,10 @@ def find_differences(ratios: RelativeLight) -> list[Data]:
         rows = rows + max(-oy, 0)
         one, other = (rows, columns), (rows + oy, columns + ox)
         swap = (light[one] < light[other]) * 1
-        # from where the lamp shines to where it does not
         rows = rows[:, None] + oy * np.stack([swap, 1 - swap], axis=1)
         columns = columns[:, None] + ox * np.stack([swap, 1 - swap], axis=1)
         same = ratios.alike(one, other)
-        parts.append(contrast(ratios, (rows[same], columns[same]), _FACTORS, _SURFACE))
-    return parts
+        yield rows[same], columns[same]
 
 
 def _shifted(

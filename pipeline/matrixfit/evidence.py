@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.images.frames import Mask
-from pipeline.matrixfit.contrasts import drawn, relative_light
+from pipeline.matrixfit.contrasts import RelativeLight, drawn, relative_light
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.pools import find_pools
@@ -60,18 +60,9 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
 
     flash_only: the flash file was the flash part alone, so that its noise is independent.
     """
+    ratios = readable_light(reduced, flash_only)
+    use = ratios.use
     no_flash, flash, v_n, v_f, coupled = _readings(reduced, flash_only)
-    s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
-    safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
-    use = (
-        reduced.usable
-        & (s_f > _DIM_FLASH * np.percentile(s_f, 99))
-        & (s_n > _DARK * np.percentile(s_n, 99))
-    )
-    noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
-    if use.any():  # of a very noisy pair, what is least noisy
-        use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
-    ratios = relative_light(no_flash, flash, v_n, v_f, use, coupled)
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
     shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
@@ -93,6 +84,25 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
         drawn(pools, _POOLS),
         *shares,
     )
+
+
+def readable_light(reduced: ReducedPair, flash_only: bool) -> RelativeLight:
+    """Light relative to the flash, of the pixels that tell something of lamps.
+
+    flash_only: as gather_evidence takes it.
+    """
+    no_flash, flash, v_n, v_f, coupled = _readings(reduced, flash_only)
+    s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
+    safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
+    use = (
+        reduced.usable
+        & (s_f > _DIM_FLASH * np.percentile(s_f, 99))
+        & (s_n > _DARK * np.percentile(s_n, 99))
+    )
+    noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
+    if use.any():  # of a very noisy pair, what is least noisy
+        use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
+    return relative_light(no_flash, flash, v_n, v_f, use, coupled)
 
 
 def evidence_of_area(reduced: ReducedPair, flash_only: bool, area: Mask) -> Data:

@@ -31,6 +31,8 @@ def said(
         clipped: float = 0.0,
         coefficients: Array | None = None,
         usable: Any = True,
+        in_shadows: tuple[float, float] | None = None,
+        rendered: bool = False,
         method: Literal["best", "paper"] = "best",
         **lamps: Any,
     ) -> list[RunWarning]:
@@ -42,8 +44,11 @@ def said(
             monkeypatch.setattr(doubts_module, "flash_reach", lambda *_: reach)
         if hidden is not None:
             monkeypatch.setattr(doubts_module, "without_pure_light", lambda *_: hidden)
+        if in_shadows is not None:
+            left = np.array(in_shadows)
+            monkeypatch.setattr(doubts_module, "light_in_shadows", lambda *_: left)
         reduced = reduce_pair(pair)
-        reduced = replace(reduced, usable=reduced.usable & usable)
+        reduced = replace(reduced, usable=reduced.usable & usable, rendered=rendered)
         return doubts(pair, reduced, lamps_of(colours, **lamps), method)
 
     return find
@@ -116,6 +121,44 @@ def test_lines_along_edges_are_no_reflections(said: Callable[..., list[RunWarnin
     residual[::3], residual[:, ::48] = 0.3, 0.3
 
     assert said(residual=residual) == []
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("noise", [0.0, 0.04])
+def test_light_in_a_lamps_shadows_is_a_reflection_where_it_is_more_than_lamps_are_mixed_up(
+    said: Callable[..., list[RunWarning]],
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    noise: float,
+    share: float,
+    warned: bool,
+) -> None:
+    """Three hundredths of a lamp's light, more in noise, and the more the nearer lamps are."""
+    sine = float(np.linalg.norm(np.cross(*warm_to_cool[[0, 2]])))
+    left = share * 3 * np.hypot(0.01, noise / 2) / sine
+    monkeypatch.setattr(doubts_module, "relative_noise", lambda _: noise)
+
+    found = said(in_shadows=(0.001, left))
+
+    assert [one.code for one in found] == [Code.REFLECTIONS] * warned
+    if warned:
+        assert found[0].figures == {"in_shadows": pytest.approx(left)}
+        assert found[0].message.startswith(f"In the shadows of lamp2 there is {left:.0%} of its")
+
+
+def test_light_in_shadows_is_not_asked_of_bent_values_nor_of_published_lamps(
+    said: Callable[..., list[RunWarning]],
+) -> None:
+    assert said(in_shadows=(0.5, 0.5), rendered=True) == []
+    assert said(in_shadows=(0.5, 0.5), method="paper") == []
+
+
+def test_what_lamps_leave_is_told_before_light_in_shadows(
+    said: Callable[..., list[RunWarning]],
+) -> None:
+    (warning,) = said(residual=np.full((64, 96), 0.3), in_shadows=(0.5, 0.5))
+
+    assert set(warning.figures) == {"share"}
 
 
 @pytest.mark.parametrize(("degrees", "warned"), [(5.9, True), (6.1, False)])
