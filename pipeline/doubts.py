@@ -28,6 +28,7 @@ _MUCH_WEAK = 0.1  # share of what the lamps light
 _MUCH_CLIPPED = 0.05  # share of the picture
 _MUCH_MARKED = 0.015  # the same
 _MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
+_SHARP = 250  # blocks along the longer side; in smaller pairs neighbours lie in a shadow's rim
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
@@ -40,7 +41,8 @@ def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> li
     if method == "best":
         hidden = without_pure_light(reduced, lamps)
         # one lamp passes for no other, and a rendering's curve bends the light of shadows most
-        if len(lamps) > 1 and not reduced.rendered:
+        sharp = max(reduced.usable.shape) >= _SHARP
+        if len(lamps) > 1 and sharp and not reduced.rendered:
             in_shadows = light_in_shadows(reduced, pair.flash_only, lamps)
     return [*_of_photographs(pair, reduced), *_of_lamps(reduced, lamps, hidden, in_shadows)]
 

@@ -33,6 +33,7 @@ def said(
         usable: Any = True,
         in_shadows: tuple[float, float] | None = None,
         rendered: bool = False,
+        sharp: int = 96,
         method: Literal["best", "paper"] = "best",
         **lamps: Any,
     ) -> list[RunWarning]:
@@ -47,6 +48,7 @@ def said(
         if in_shadows is not None:
             left = np.array(in_shadows)
             monkeypatch.setattr(doubts_module, "light_in_shadows", lambda *_: left)
+            monkeypatch.setattr(doubts_module, "_SHARP", sharp)
         reduced = reduce_pair(pair)
         reduced = replace(reduced, usable=reduced.usable & usable, rendered=rendered)
         return doubts(pair, reduced, lamps_of(colours, **lamps), method)
@@ -151,6 +153,14 @@ def test_light_in_shadows_is_not_asked_of_bent_values_nor_of_published_lamps(
 ) -> None:
     assert said(in_shadows=(0.5, 0.5), rendered=True) == []
     assert said(in_shadows=(0.5, 0.5), method="paper") == []
+
+
+def test_light_in_shadows_is_not_asked_of_small_pairs(
+    said: Callable[..., list[RunWarning]],
+) -> None:
+    """The pair's longer side is of 96 blocks."""
+    assert len(said(in_shadows=(0.5, 0.5), sharp=96)) == 1
+    assert said(in_shadows=(0.5, 0.5), sharp=97) == []
 
 
 def test_what_lamps_leave_is_told_before_light_in_shadows(
