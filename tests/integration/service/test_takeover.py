@@ -206,6 +206,8 @@ def test_a_worker_that_stops_while_the_database_is_away_ends_and_its_job_goes_on
         ("succeeded", 1),
         ("succeeded", 2),
     ]
+    # the line comes after the row
+    grown_up.await_that("both ends are logged", lambda: all(_ends(grown_up, job) for job in jobs))
     for job in jobs:
         assert _ends(grown_up, job) == ["succeeded"]
 
