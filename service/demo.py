@@ -32,7 +32,7 @@ from pipeline.result_names import LAYERS, MANIFEST, lamp_name, layer_channels
 from service.cli.display import print_results, stage_bar
 from service.cli.folder import new_results
 from service.sending.client import Client, RefusedError, ServiceAwayError
-from service.work import processes
+from service.workers import processes
 
 CAMERA = "sim://studio?lights=2&width=1200&height=800"
 FOLDER = Path("demo")

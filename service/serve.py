@@ -29,7 +29,7 @@ from service.rows import keys, uploads
 from service.rows.database import AWAY
 from service.settings import Settings
 from service.variables import faults
-from service.work import processes
+from service.workers import processes
 
 _RESTART_SECONDS = 1.0  # twice as long after each start in vain, up to the second
 _LONGEST_RESTART_SECONDS = 60.0
@@ -222,7 +222,7 @@ def _run_worker(environment: Mapping[str, str], stop: threading.Event) -> str | 
     """Run a worker until it ends, and say in a few words how; None where it was told to stop."""
     try:
         process = subprocess.Popen(
-            [sys.executable, "-m", "service.work.worker", str(os.getpid())],
+            [sys.executable, "-m", "service.workers.worker", str(os.getpid())],
             env=environment,
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for this process, which then ends the worker

@@ -41,8 +41,8 @@ from service.object_keys import describe_inputs, inputs_key, job_key
 from service.rows import eta, jobs, uploads
 from service.rows.keys import Scope
 from service.spectra import check_spectra
-from service.work import sandbox
-from service.work.tasks import Limits, Task
+from service.workers import sandbox
+from service.workers.tasks import Limits, Task
 
 _CHECK_SECONDS = 30.0
 _DYING: dict[type[AttemptError], str] = {

@@ -19,9 +19,9 @@ from service.capture import CaptureSettings
 from service.errors import AttemptError, NoProcessError, StorageFullError
 from service.rows import cameras
 from service.settings import Settings
-from service.work import host, sandbox, scratch
-from service.work.forkserver import ForkServer
-from service.work.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
+from service.workers import host, sandbox, scratch
+from service.workers.forkserver import ForkServer
+from service.workers.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take

@@ -20,8 +20,8 @@ from service.dbos_queue import Queue
 from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
-from service.work import sandbox, scratch
-from service.work.forkserver import ForkServer
+from service.workers import sandbox, scratch
+from service.workers.forkserver import ForkServer
 
 _STORING_THREADS = 40  # as many as Starlette has for all else, and so the next
 _READING_THREADS = 40

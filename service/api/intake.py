@@ -45,7 +45,7 @@ from service.frames import FRAMES
 from service.mixing import MixOptions
 from service.sentences import in_words
 from service.settings import Settings
-from service.work import scratch
+from service.workers import scratch
 
 _JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text
 _TEXTS = ("options", "handling")

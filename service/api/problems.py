@@ -45,7 +45,7 @@ from service.problems import (
     problem_of,
 )
 from service.sentences import sentence_of_faults
-from service.work.sandbox import TaskError
+from service.workers.sandbox import TaskError
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10

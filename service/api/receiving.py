@@ -21,7 +21,7 @@ from service.errors import (
 )
 from service.rows import uploads
 from service.rows.uploads import Upload
-from service.work import scratch
+from service.workers import scratch
 
 _PART_BYTES = 8 * 1024 * 1024
 """Bytes after which what has come is kept, whatever happens to the rest."""

@@ -131,7 +131,7 @@ def worker() -> None:
     from service.cli import signals
     from service.settings import Settings
     from service.variables import faults
-    from service.work.worker import log, run_until_signal
+    from service.workers.worker import log, run_until_signal
 
     settings = Settings()
     signals.leave_hangup()

@@ -6,7 +6,7 @@ import traceback
 from pathlib import Path
 
 from pipeline.errors import InputError
-from service.work.shortage import TOLD, wants_memory
+from service.workers.shortage import TOLD, wants_memory
 
 
 def explain(error: Exception) -> tuple[str, int]:

@@ -16,7 +16,7 @@ def flash_switch(text: str, settle_s: float, tell: Callable[[str], None] = say) 
     Raises pipeline.errors.OptionError.
     """
     from pipeline.errors import OptionError
-    from service.work.camera_tasks import brightness
+    from service.workers.camera_tasks import brightness
 
     if text == "property":
         return drivers.PropertyFlash()

@@ -161,7 +161,7 @@ def give_back(
     """End take(), which gave `until`, unless somebody else has taken the camera since.
 
     info: what the camera told of itself; answered: whether it answered at all. host: where that
-    was, as service.work.host names it.
+    was, as service.workers.host names it.
     """
     own = sa.and_(cameras.c.id == camera, cameras.c.taken_until == until)
     connection.execute(sa.update(cameras).where(own).values(taken_until=0.0))

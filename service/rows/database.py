@@ -166,7 +166,7 @@ cameras = sa.Table(
     sa.Column("looked", sa.Double, nullable=False, default=0.0),
     # Until then at most somebody looks at it or sets it, and no job may begin to use it.
     sa.Column("taken_until", sa.Double, nullable=False, default=0.0),
-    # On whose USB it was last seen, where a worker lives that can use it there: service.work.host.
+    # On whose USB it was last seen, where a worker can use it: service.workers.host.
     sa.Column("host", sa.String(32)),
 )
 

@@ -20,7 +20,7 @@ def leave(connection: sa.Connection, worker: str) -> None:
 
 
 def live_on(connection: sa.Connection, host: str) -> bool:
-    """Whether there are workers on a host, by service.work.host's name; their ids begin with it."""
+    """Whether there are workers on a host, by service.workers.host; their ids begin with it."""
     ids = connection.execute(sa.select(workers.c.id)).scalars()
     return any(worker.rsplit("-", 2)[0] == host for worker in ids)
 

@@ -63,10 +63,10 @@ def _import() -> None:
 
     import service.cli.commands
     import service.cli.explain
-    import service.work.pair_tasks
+    import service.workers.pair_tasks
     from pipeline.pair.second_differences import BLOCK, block_squares
 
-    assert service.cli.commands and service.cli.explain and service.work.pair_tasks
+    assert service.cli.commands and service.cli.explain and service.workers.pair_tasks
     block_squares(np.zeros((BLOCK, BLOCK, 3), np.float32))
 
 

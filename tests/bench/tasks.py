@@ -18,9 +18,9 @@ from typing import Any, Literal
 
 from service.frames import FRAMES
 from service.settings import Settings
-from service.work import sandbox
-from service.work.forkserver import ForkServer
-from service.work.tasks import Limits, Task
+from service.workers import sandbox
+from service.workers.forkserver import ForkServer
+from service.workers.tasks import Limits, Task
 from tests.bench.usage import python, run
 
 _TASKS = 40

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import drivers
-from service.work import sandbox
+from service.workers import sandbox
 from tests.bench import tasks
 
 

@@ -128,7 +128,7 @@ def _said(service: Service) -> dict[str, list[str]]:
     """Ends of jobs by the logs of all hosts."""
     ends: dict[str, list[str]] = defaultdict(list)
     for entry in _entries(service):
-        if entry.get("logger") == "service.work.attempt":
+        if entry.get("logger") == "service.workers.attempt":
             end = entry["message"].partition(":")[0]
             if end in ("succeeded", "failed", "canceled"):
                 ends[entry["job"]].append(end)

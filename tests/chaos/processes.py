@@ -38,8 +38,8 @@ def of_folder(data: Path) -> list[Process]:
 
 
 def _role(command: str, of_parent: str) -> str:
-    if "service.work.child" in command:
-        return "child" if "service.work.child" in of_parent else "fork server"
+    if "service.workers.child" in command:
+        return "child" if "service.workers.child" in of_parent else "fork server"
     return "api" if "service.cli serve" in command else "worker"
 
 

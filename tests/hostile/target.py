@@ -66,7 +66,7 @@ class Target:
         api = self._process.pid
         held = {"api": _status(api, "VmRSS")}
         for pid in _children(api):
-            if "service.work.worker" in _command(pid):
+            if "service.workers.worker" in _command(pid):
                 held["worker"] = _status(pid, "VmRSS")
         return {name: size for name, size in held.items() if size}
 
@@ -86,7 +86,7 @@ class Target:
 
     def _fork_server(self) -> int:
         found = [
-            pid for pid in _children(self._process.pid) if "service.work.child" in _command(pid)
+            pid for pid in _children(self._process.pid) if "service.workers.child" in _command(pid)
         ]
         return found[0]
 

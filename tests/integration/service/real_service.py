@@ -158,9 +158,9 @@ class Service:
     def find(self, what: str) -> list[int]:
         """Process ids of the workers ("worker"), of their fork servers or of the jobs ("child")."""
         module, parents = {
-            "worker": ("work.worker", "cli"),
-            "fork server": ("work.child", "work.worker"),
-            "child": ("work.child", "work.child"),
+            "worker": ("workers.worker", "cli"),
+            "fork server": ("workers.child", "workers.worker"),
+            "child": ("workers.child", "workers.child"),
         }[what]
         found = family(self.pid)
         return [

@@ -27,8 +27,8 @@ from service.rows import database, jobs
 from service.sending.client import Client
 from service.settings import Settings
 from service.storage import Storage
-from service.work import sandbox
-from service.work.forkserver import ForkServer
+from service.workers import sandbox
+from service.workers.forkserver import ForkServer
 from tests.unit.service.contract import check_described, described
 from tests.unit.service.studio import PATH, ask_in_process
 

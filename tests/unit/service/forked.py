@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from service.work.forkserver import ForkServer
+from service.workers.forkserver import ForkServer
 
 NO_PROCESS_ONCE = """
 fork = os.fork
@@ -21,7 +21,7 @@ os.fork = refuse
 
 def fork_server(code: str, first: str = "") -> ForkServer:
     """Make a server whose children run Python code; `first` runs once, in the server."""
-    names = "import json, os, signal, sys, time\nfrom service.work import forkserver"
+    names = "import json, os, signal, sys, time\nfrom service.workers import forkserver"
     program = f"{names}\n{first}\nforkserver.serve()\n{code}"
     return ForkServer([sys.executable, "-c", program], {})
 

@@ -17,8 +17,8 @@ from service.api.context import Context
 from service.problems import problem_of
 from service.rows import cameras, jobs
 from service.settings import Settings
-from service.work import camera_tasks, sandbox
-from service.work.tasks import CameraOrder, Kind, Limits, Task, Tell
+from service.workers import camera_tasks, sandbox
+from service.workers.tasks import CameraOrder, Kind, Limits, Task, Tell
 
 SIM = "sim://studio?width=64&height=64"
 AWAY = "ptp+ip://127.0.0.1:1"

@@ -21,14 +21,14 @@ def _restored() -> Iterator[None]:
 
 def test_a_line_is_one_object_with_the_job(capsys: pytest.CaptureFixture[str]) -> None:
     logs.configure()
-    logging.getLogger("service.work.attempt").info(
+    logging.getLogger("service.workers.attempt").info(
         "failed: %s", "why", extra={"job": "7", "other": 1}
     )
     line = json.loads(capsys.readouterr().err)
     assert line.pop("time").endswith("+00:00")
     assert line == {
         "level": "info",
-        "logger": "service.work.attempt",
+        "logger": "service.workers.attempt",
         "message": "failed: why",
         "job": "7",
     }

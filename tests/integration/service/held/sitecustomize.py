@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-if "service.work.child" in sys.orig_argv and "HELD_BY" in os.environ:
+if "service.workers.child" in sys.orig_argv and "HELD_BY" in os.environ:
     from pipeline.progress import Progress
 
     _gate = Path(os.environ["HELD_BY"])

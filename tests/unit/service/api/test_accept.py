@@ -23,7 +23,7 @@ from service.errors import (
     TimeLimitError,
 )
 from service.settings import Settings
-from service.work import sandbox
+from service.workers import sandbox
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
 
 Png = Callable[..., bytes]

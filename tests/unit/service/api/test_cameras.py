@@ -18,8 +18,8 @@ from service.api.context import Context
 from service.errors import NoProcessError, StorageFullError
 from service.rows import cameras, jobs
 from service.settings import Settings
-from service.work import camera_tasks
-from service.work.tasks import FindCameras
+from service.workers import camera_tasks
+from service.workers.tasks import FindCameras
 from tests.unit.service.asking import bearing, owner_of, problem_of
 from tests.unit.service.streams import events
 from tests.unit.service.studio import AWAY, PATH, SIM, hold, take_release_away, with_cameras

@@ -11,7 +11,7 @@ import pytest
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from service.api.context import Context
 from service.rows import expiry, jobs
-from service.work.attempt import Attempt
+from service.workers.attempt import Attempt
 from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
 
 Finish = Callable[[str, dict[str, bytes]], None]

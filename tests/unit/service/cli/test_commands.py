@@ -16,7 +16,7 @@ from pipeline.errors import UnusablePairError
 from service.api.context import Context
 from service.cli import run
 from service.sending.client import Client, ServiceAwayError
-from service.work.shortage import TOLD
+from service.workers.shortage import TOLD
 from tests.unit.service.asking import rows_of
 
 

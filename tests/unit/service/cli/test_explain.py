@@ -11,7 +11,7 @@ from service.cli.explain import explain
 from service.errors import UnknownJobError
 from service.problems import DATABASE_AWAY
 from service.sending.client import RefusedError, ServiceAwayError
-from service.work.shortage import TOLD
+from service.workers.shortage import TOLD
 
 
 @pytest.mark.parametrize(

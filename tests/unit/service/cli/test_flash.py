@@ -6,7 +6,7 @@ import drivers
 from pipeline.errors import OptionError
 from service.cli import flash
 from service.cli.flash import flash_switch
-from service.work.camera_tasks import brightness
+from service.workers.camera_tasks import brightness
 
 
 def test_an_operator_is_asked_and_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

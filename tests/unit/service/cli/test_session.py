@@ -14,7 +14,7 @@ from PIL import Image
 
 from pipeline.errors import UnusablePairError
 from service.cli import run, session, signals
-from service.work.shortage import TOLD
+from service.workers.shortage import TOLD
 
 Photograph = Callable[..., None]
 

@@ -79,10 +79,10 @@ def test_a_command_that_is_told_to_end_while_it_starts_says_nothing() -> None:
 
 SERVICE = """
 import os, signal
-import service.serve, service.work.worker
+import service.serve, service.workers.worker
 def wait(*_arguments):
     os.kill(os.getpid(), signal.SIGHUP)
-service.serve.serve = service.work.worker.run_until_signal = wait
+service.serve.serve = service.workers.worker.run_until_signal = wait
 from service.cli import main
 main()
 """

@@ -20,7 +20,7 @@ from drivers.ptp.camera import PtpCamera
 from pipeline.errors import UnreadableImageError
 from service.sending import sender
 from service.sending.spool import Spool, SpooledPair
-from service.work import camera_tasks
+from service.workers import camera_tasks
 from tests.unit.service.usb_bus import Bus
 
 AWAY = "http://127.0.0.1:9"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from service.errors import StartError
-from service.work import scratch
+from service.workers import scratch
 
 
 def test_a_folder_goes_with_its_block(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_clearing_spares_a_folder_in_use(tmp_path: Path) -> None:
 
 def test_clearing_removes_what_a_killed_process_left(tmp_path: Path) -> None:
     code = (
-        "import os, signal, pathlib; from service.work import scratch\n"
+        "import os, signal, pathlib; from service.workers import scratch\n"
         f"with scratch.folder(pathlib.Path({str(tmp_path)!r})) as folder:\n"
         "    (folder / 'no_flash').write_bytes(b'photograph')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from service import dbos_queue
 from service.errors import StartError
 from service.settings import Settings
-from service.work.worker import Worker
+from service.workers.worker import Worker
 
 _AWAY = sa.exc.OperationalError("SELECT 1", {}, Exception("connection failed: refused\nDETAIL: x"))
 

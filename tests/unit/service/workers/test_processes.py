@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from service.work import processes
+from service.workers import processes
 
 _WAITS = "import signal, time; {}; print(flush=True); time.sleep(60)"
 
@@ -32,7 +32,7 @@ def test_threads_share_pools_of_memory() -> None:
     """glibc's own count of them, which it prints by name."""
     program = """
 import ctypes, threading
-from service.work.processes import share_memory
+from service.workers.processes import share_memory
 {}
 ready = threading.Barrier(16)
 def work():

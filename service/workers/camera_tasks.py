@@ -17,11 +17,11 @@ from typing import Any, TypeVar
 
 import drivers
 from pipeline.decode import decode
-from service.work.tasks import Adjust, FindCameras, LookAt, TakePair, Task, Tell
+from service.workers.tasks import Adjust, FindCameras, LookAt, TakePair, Task, Tell
 
 Result = TypeVar("Result")
 
-log = logging.getLogger("service.work.camera_tasks")
+log = logging.getLogger("service.workers.camera_tasks")
 
 
 def capture(task: Task, tell: Tell) -> None:

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from service.errors import DeadlineError
 from service.rows import jobs
 from service.rows.database import AWAY
-from service.work import sandbox
+from service.workers import sandbox
 
 ASK_SECONDS = 0.25
 """Between two looks at the job's row."""

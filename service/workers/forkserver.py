@@ -21,7 +21,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 
 from service.errors import NoProcessError
-from service.work.processes import NO_PROCESS, die_with_parent
+from service.workers.processes import NO_PROCESS, die_with_parent
 
 _FORKED = b"+"
 _SHORT = (errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE)

@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.calibration.options import FlashCalibration
 from service.errors import OlderWorkerError
-from service.work import child, pair_tasks
-from service.work.tasks import RESULTS, Limits, Task
+from service.workers import child, pair_tasks
+from service.workers.tasks import RESULTS, Limits, Task
 
 GIB = 2**30
 

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Generator
 from pathlib import Path
 
-from service.work import scratch
+from service.workers import scratch
 
 _UNNAMED = "."  # files begin with it until they are locked
 

@@ -19,10 +19,10 @@ from service.errors import (
     OutputLimitError,
     TimeLimitError,
 )
-from service.work import sandbox
-from service.work.forkserver import ForkServer
-from service.work.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.work.tasks import Limits, TakePair, Task
+from service.workers import sandbox
+from service.workers.forkserver import ForkServer
+from service.workers.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.tasks import Limits, TakePair, Task
 from tests.jpeg_xl import in_jpeg_xl
 from tests.unit.service.forked import fork_server
 
@@ -164,14 +164,14 @@ def test_what_a_child_logs_is_json_with_its_job(
         sandbox.run(task, 100, lambda *_report: None, lambda: False, own, unplug)
     lines = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
     told = {(line["level"], line["logger"], line["job"]) for line in lines}
-    assert told == {("warning", "service.work.camera_tasks", "7")}
+    assert told == {("warning", "service.workers.camera_tasks", "7")}
 
 
 def _in_a_child(work: str, open_files: int = 64) -> subprocess.CompletedProcess[bytes]:
     """Run a task whose work is this Python code, with `tell` to tell of it."""
     code = f"""
 import os, resource, sys
-from service.work import child
+from service.workers import child
 def work(task, tell):
     {work}
 child._QUICK["check"] = work
@@ -210,7 +210,7 @@ def test_what_separates_is_imported_where_pairs_are_taken_alone(arguments: list[
     ours, theirs = socket.socketpair()
     with theirs:
         ours.close()
-        command = [sys.executable, "-X", "importtime", "-m", "service.work.child", *arguments]
+        command = [sys.executable, "-X", "importtime", "-m", "service.workers.child", *arguments]
         done = subprocess.run(
             command, stdin=theirs.fileno(), stderr=subprocess.PIPE, text=True, check=True
         )
@@ -222,7 +222,7 @@ def test_what_separates_is_imported_where_pairs_are_taken_alone(arguments: list[
 def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
     """A lock that another thread held while a child was forked stays locked in the child."""
     threads = "print(len(os.listdir(f'/proc/{os.getppid()}/task')))"
-    imports = "from service.work import child, pair_tasks; child.compiling.prepare()"
+    imports = "from service.workers import child, pair_tasks; child.compiling.prepare()"
     with contextlib.closing(fork_server(threads, imports)) as server:
         child = server.fork()
         assert child.stdout.read() == b"1\n"

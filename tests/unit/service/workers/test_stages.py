@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from prometheus_client import REGISTRY
 
-from service.work.stages import Stages
+from service.workers.stages import Stages
 
 
 def _observed(stage: str) -> float:

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from service.errors import StartError
-from service.work import presence
+from service.workers import presence
 
 
 def _die(data_dir: Path, worker: str) -> None:
     """Have a process say that it is a worker, and kill it."""
     code = (
-        "import os, pathlib, signal; from service.work import presence\n"
+        "import os, pathlib, signal; from service.workers import presence\n"
         f"presence.enter(pathlib.Path({str(data_dir)!r}), {worker!r})\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )

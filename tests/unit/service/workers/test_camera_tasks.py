@@ -17,8 +17,8 @@ from drivers import SettingName
 from drivers.errors import FlashError
 from drivers.ptp.codes import Property
 from drivers.sim.body import Body
-from service.work import camera_tasks
-from service.work.tasks import (
+from service.workers import camera_tasks
+from service.workers.tasks import (
     Adjust,
     CameraOrder,
     FindCameras,

@@ -20,7 +20,7 @@ PAIRS = "pairs"
 """What the server of processes is told where tasks separate, calibrate or mix."""
 
 Tell = Callable[[dict[str, Any]], None]
-"""Writes a message of a task to the service, as service.work.child says."""
+"""Writes a message of a task to the service, as service.workers.child says."""
 
 Kind = Literal[
     "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"
@@ -102,7 +102,7 @@ class Task:
     kind "mix": directory/layers.exr and directory/manifest.json, with the options of a mix →
         directory/RESULTS.
     kind "capture": TakePair → directory/no_flash and directory/flash; asks the questions of
-        service.work.camera_tasks, and answers with what the camera was set to.
+        service.workers.camera_tasks, and answers with what the camera was set to.
     kind "cameras": FindCameras; answers with the addresses of all that are found.
     kind "camera": LookAt; answers with what the camera tells of itself, and whether it can be
         released.

@@ -16,10 +16,10 @@ from service.object_keys import captured_key
 from service.problems import problem_of
 from service.rows import cameras, heartbeats, jobs
 from service.rows.states import State
-from service.work import host, sandbox
-from service.work.attempt import Attempt
-from service.work.stopping import Stopping
-from service.work.tasks import Task
+from service.workers import host, sandbox
+from service.workers.attempt import Attempt
+from service.workers.stopping import Stopping
+from service.workers.tasks import Task
 
 PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
 TOLD = {"settings": {"iso": 400}, "info": None}
@@ -299,7 +299,7 @@ def test_the_switch_of_a_flash_is_told_off_where_the_process_of_a_capture_could_
 
     told: list[str] = []
     monkeypatch.setattr(sandbox, "run", run)
-    monkeypatch.setattr("service.work.attempt.leave_flash_off", told.append)
+    monkeypatch.setattr("service.workers.attempt.leave_flash_off", told.append)
     settings = context.settings.model_copy(update={"flash_switch": "relay {state}"})
     Attempt(
         held, context.engine, context.storage, settings, context.fork_server, lambda: False

@@ -25,12 +25,12 @@ from service.errors import (
     StorageFullError,
     TimeLimitError,
 )
-from service.work import shortage
-from service.work.forkserver import ForkServer
-from service.work.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
-from service.work.tasks import PAIRS, Task
+from service.workers import shortage
+from service.workers.forkserver import ForkServer
+from service.workers.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.tasks import PAIRS, Task
 
-_COMMAND = (sys.executable, "-m", "service.work.child")
+_COMMAND = (sys.executable, "-m", "service.workers.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """What the libraries of a task with threads of their own read: OpenCV, and LibRaw's OpenMP."""
 

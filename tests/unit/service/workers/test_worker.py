@@ -25,9 +25,9 @@ from service.rows.database import AWAY
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
-from service.work import host, presence, worker
-from service.work.attempt import Attempt
-from service.work.worker import Worker
+from service.workers import host, presence, worker
+from service.workers.attempt import Attempt
+from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first
 from tests.unit.service.full_disk import full_disk
 
@@ -499,7 +499,7 @@ def told_off(one: Worker, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     told: list[str] = []
     one._settings = one._settings.model_copy(update={"flash_switch": "relay {state}"})
     for module in ("worker", "attempt"):
-        monkeypatch.setattr(f"service.work.{module}.leave_flash_off", told.append)
+        monkeypatch.setattr(f"service.workers.{module}.leave_flash_off", told.append)
     return told
 
 
@@ -550,7 +550,7 @@ def test_a_worker_that_cannot_start_says_so_in_one_line_of_the_log(tmp_path: Pat
     with socket.create_server(("127.0.0.1", 0)) as other:
         settings = {"DATA_DIR": str(tmp_path), "METRICS_PORT": str(other.getsockname()[1])}
         given = {f"LIGHTLAYERS_{name}": text for name, text in settings.items()}
-        command = [sys.executable, "-m", "service.work.worker"]
+        command = [sys.executable, "-m", "service.workers.worker"]
         done = subprocess.run(
             command, env=os.environ | given, capture_output=True, text=True, check=False
         )

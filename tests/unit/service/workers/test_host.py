@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.rows import database
-from service.work import host
+from service.workers import host
 
 
 def test_hosts_are_told_apart_where_the_database_is_shared(

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from service.errors import NoProcessError
-from service.work.forkserver import Child, ForkServer
+from service.workers.forkserver import Child, ForkServer
 from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
 

@@ -22,10 +22,10 @@ from service.rows import database, expiry, jobs, kept
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
-from service.work import sandbox
-from service.work.attempt import Attempt
-from service.work.stopping import Stopping
-from service.work.tasks import RESULTS, Task
+from service.workers import sandbox
+from service.workers.attempt import Attempt
+from service.workers.stopping import Stopping
+from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored
 from tests.unit.service.at_first import at_first
 
@@ -521,7 +521,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
         separates(task)
 
     monkeypatch.setitem(context.settings.__dict__, "silence_seconds", silence)
-    monkeypatch.setattr("service.work.stopping.ASK_SECONDS", -1.0)
+    monkeypatch.setattr("service.workers.stopping.ASK_SECONDS", -1.0)
     monkeypatch.setattr(sandbox, "run", separate)
     if not goes_on:
         with pytest.raises(type(error)):

@@ -21,9 +21,9 @@ from service.errors import (
     StorageFullError,
     TimeLimitError,
 )
-from service.work import sandbox
-from service.work.forkserver import ForkServer
-from service.work.tasks import Kind, Limits, Task
+from service.workers import sandbox
+from service.workers.forkserver import ForkServer
+from service.workers.tasks import Kind, Limits, Task
 from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
 LIMITS = Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
@@ -192,7 +192,7 @@ def test_tasks_at_once_share_the_processors(
 ) -> None:
     code = """
 import json, os
-from service.work import forkserver
+from service.workers import forkserver
 forkserver.serve()
 import cv2
 print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNumThreads()}))
@@ -213,7 +213,7 @@ def test_the_server_is_told_whether_tasks_take_pairs(
 ) -> None:
     code = """
 import json, sys
-from service.work import forkserver
+from service.workers import forkserver
 forkserver.serve()
 print(json.dumps({"stage": json.dumps(sys.argv[1:]), "fraction": 1}))
 """

@@ -1,8 +1,8 @@
 """The process of one task of a job, its task as JSON on stdin.
 
-python -m service.work.child imports once, and forks such a process for every task
-(service.work.forkserver); with the argument PAIRS it imports what separates, calibrates and mixes
-as well. It writes one JSON object per line to stdout: {"stage", "fraction"} while it works,
+python -m service.workers.child imports once, and forks such a process for every task
+(service.workers.forkserver); with the argument PAIRS it imports what separates, calibrates and
+mixes as well. It writes one JSON object per line to stdout: {"stage", "fraction"} while it works,
 {"question"} where it then waits for a line of JSON on stdin, {"answer"} with what it found,
 {"problem"} before it ends with nothing to show, except for want of memory, files or disk, which
 its exit code tells. Exit code 0 means that all is done.
@@ -26,10 +26,10 @@ from typing import Any
 from pipeline import compiling
 from pipeline.pair.pair_checks import check_pair
 from service import logs, problems
-from service.work import camera_tasks, forkserver
-from service.work.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.work.shortage import wants_memory
-from service.work.tasks import PAIRS, Kind, Limits, Task, Tell
+from service.workers import camera_tasks, forkserver
+from service.workers.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.shortage import wants_memory
+from service.workers.tasks import PAIRS, Kind, Limits, Task, Tell
 
 _CODES = {
     errno.EMFILE: OUT_OF_FILES,
@@ -37,7 +37,7 @@ _CODES = {
     errno.EDQUOT: DISK_FULL,
 }
 
-log = logging.getLogger("service.work.child")
+log = logging.getLogger("service.workers.child")
 
 
 def main() -> int:
@@ -117,7 +117,7 @@ _QUICK: dict[Kind, Callable[[Task, Tell], None]] = {
 def _work(kind: Kind) -> Callable[[Task, Tell], None]:
     if kind in _QUICK:
         return _QUICK[kind]
-    from service.work import pair_tasks  # where PAIRS was asked for, it is there already
+    from service.workers import pair_tasks  # where PAIRS was asked for, it is there already
 
     return pair_tasks.WORK[kind]
 
@@ -126,7 +126,7 @@ if __name__ == "__main__":
     logs.configure()  # of the server and of its children
     if sys.argv[1:] == [PAIRS]:
         # the second, or each job with normals would
-        for name in ("service.work.pair_tasks", "pipeline.photometric_stereo.normals"):
+        for name in ("service.workers.pair_tasks", "pipeline.photometric_stereo.normals"):
             importlib.import_module(name)
         compiling.prepare()
     forkserver.serve()

@@ -20,7 +20,7 @@ from pipeline.progress import Progress
 from service.errors import OlderWorkerError
 from service.rows import kept
 from service.sentences import in_words
-from service.work.tasks import RESULTS, Kind, Task, Tell
+from service.workers.tasks import RESULTS, Kind, Task, Tell
 
 Read = TypeVar("Read")
 

@@ -7,7 +7,7 @@ import pytest
 
 from drivers import SettingName
 from service.settings import Settings
-from service.work.tasks import (
+from service.workers.tasks import (
     Adjust,
     CameraOrder,
     FindCameras,

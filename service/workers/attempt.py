@@ -38,11 +38,11 @@ from service.rows.database import AWAY
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
-from service.work import host, sandbox, scratch
-from service.work.forkserver import ForkServer
-from service.work.stages import Stages
-from service.work.stopping import ASK_SECONDS, Stopping
-from service.work.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
+from service.workers import host, sandbox, scratch
+from service.workers.forkserver import ForkServer
+from service.workers.stages import Stages
+from service.workers.stopping import ASK_SECONDS, Stopping
+from service.workers.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
 
 _REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
 _ELSEWHERE = (
@@ -55,7 +55,7 @@ Result = TypeVar("Result")
 PassOn = Callable[[sa.Connection], None]
 """Queues the rest of a job in the transaction that puts it back."""
 
-log = logging.getLogger("service.work.attempt")
+log = logging.getLogger("service.workers.attempt")
 
 
 class Attempt:

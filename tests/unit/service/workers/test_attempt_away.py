@@ -17,10 +17,10 @@ from service.object_keys import results_key
 from service.rows import expiry, jobs, kept
 from service.rows.states import State
 from service.storage import Storage
-from service.work import sandbox
-from service.work.attempt import Attempt
-from service.work.stopping import Stopping
-from service.work.tasks import RESULTS, Task
+from service.workers import sandbox
+from service.workers.attempt import Attempt
+from service.workers.stopping import Stopping
+from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored, stored_job
 
 TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}

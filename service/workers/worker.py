@@ -1,7 +1,7 @@
 """The worker process: takes jobs from the queue, says that it lives, takes dead workers' jobs over.
 
-python -m service.work.worker [PARENT] runs one with the settings of the environment; with a PARENT
-it ends when that process does.
+python -m service.workers.worker [PARENT] runs one with the settings of the environment; with a
+PARENT it ends when that process does.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from service.retention import Sweep
 from service.rows import cameras, database, heartbeats, jobs, waiting
 from service.rows.states import State
 from service.settings import Settings
-from service.work import host, presence, sandbox, scratch
-from service.work.attempt import Attempt
-from service.work.processes import die_with_parent
+from service.workers import host, presence, sandbox, scratch
+from service.workers.attempt import Attempt
+from service.workers.processes import die_with_parent
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0  # between two looks at a job that another worker has
 _AGAIN_SECONDS = 10.0  # between two looks for a worker that knows a job's options
 _STOP_SECONDS = SWITCH_S + 5.0  # of captures, for their flash to be left off, too
 
-log = logging.getLogger("service.work.worker")
+log = logging.getLogger("service.workers.worker")
 
 
 Claim = Callable[[sa.Connection, str, str], jobs.Job | None]

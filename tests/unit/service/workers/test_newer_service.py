@@ -15,8 +15,8 @@ from service.problems import problem_of
 from service.rows import jobs
 from service.rows.states import State
 from service.settings import Settings
-from service.work import sandbox
-from service.work.worker import Worker
+from service.workers import sandbox
+from service.workers.worker import Worker
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_one_that_is_canceled_meanwhile_is_not_put_back(
 def test_where_the_queue_takes_nothing_the_job_stays_with_the_worker(
     older: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.work.worker._RETRY_SECONDS", 0.0)
+    monkeypatch.setattr("service.workers.worker._RETRY_SECONDS", 0.0)
     submit = older._queue.submit
     states: list[State] = []
 

@@ -10,8 +10,8 @@ import sqlalchemy as sa
 
 from service.errors import DeadlineError
 from service.rows import expiry, jobs
-from service.work import sandbox, stopping
-from service.work.stopping import ASK_SECONDS, Stopping
+from service.workers import sandbox, stopping
+from service.workers.stopping import ASK_SECONDS, Stopping
 from tests.unit.service.job_rows import added, claimed
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.work.shortage import wants_memory
+from service.workers.shortage import wants_memory
 
 
 @pytest.mark.parametrize("error", [MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory")])
