@@ -13,18 +13,21 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Whitened, difference_term
 from pipeline.matrixfit.pools import without_coves
 from pipeline.matrixfit.starts import start_points
+from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
 
 _LEVEL = 0.004
 _DATA = 1600
+_OWN_DEGREES = 3.4  # from a lamp: twice the scatter of its colour over reflectances
 
 
 def gain_of_fourth(evidence: Evidence, model: Model, matrices: Array) -> float:
     """How much log likelihood one more light adds to three lamps (3, 3, 3), 0 or more.
 
     It is that of the differences across edges of shadows, and where there are pools, the mean of
-    theirs and that of the pools. The light is the best of the fit's own starts, for each.
+    theirs and that of the pools. The light is the best of the fit's own starts, for each, but for
+    those in the colours of the three: it would be one of these, on surfaces that are shown amiss.
     """
     if not len(evidence.differences):
         return 0.0
@@ -38,8 +41,17 @@ def _gain(evidence: Evidence, model: Model, matrices: Array) -> float:
     """As gain_of_fourth, of the differences alone."""
     lights = model.lamp_matrix(start_points(evidence, model.tensor))
     more = model.prior.matrices(model.prior.coordinates(lights))
-    costs = [_cost(evidence.differences, np.concatenate([matrices, one[None]])) for one in more]
-    return max(_cost(evidence.differences, matrices) - min(costs), 0.0)
+    more = more[_degrees_off(more, model, matrices) >= _OWN_DEGREES]
+    with_it = [np.concatenate([matrices, one[None]]) for one in more]
+    usual, *costs = [_cost(evidence.differences, lamps) for lamps in (matrices, *with_it)]
+    return max([0.0, *(usual - cost for cost in costs)])
+
+
+def _degrees_off(lights: Array, model: Model, matrices: Array) -> Array:
+    """Angles (k,) between the colours of lights (k, 3, 3) and those of the nearest lamps."""
+    colours, lamps = (unit(one @ model.flash_white) for one in (lights, matrices))
+    cosines = np.abs(colours @ lamps.T)  # chromaticities do not tell T from −T
+    return angles_deg(cosines.max(axis=1))
 
 
 def _cost(differences: Data, matrices: Array) -> float:

@@ -13,6 +13,7 @@ from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.pair.reduced import reduce_pair
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,26 @@ def test_a_light_that_is_there_already_gains_nothing(
     gain = gain_of_fourth(seen(warm_to_cool[:1]), model, model.lamp_matrix(warm_to_cool))
 
     assert gain == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(2.5, False), (4.5, True)])
+def test_a_light_in_a_lamps_own_colours_is_no_fourth(
+    seen: Callable[[Array], Evidence],
+    model: Model,
+    warm_to_cool: Array,
+    degrees: float,
+    told: bool,
+) -> None:
+    """So near, it is the lamp itself on a surface whose colours the model misses."""
+    away = unit(FOURTH[0] - warm_to_cool[0] * (FOURTH[0] @ warm_to_cool[0]))
+    angle = np.radians(degrees)
+    near = np.cos(angle) * warm_to_cool[0] + np.sin(angle) * away
+
+    gain = gain_of_fourth(
+        seen(np.vstack([warm_to_cool, near])), model, model.lamp_matrix(warm_to_cool)
+    )
+
+    assert (gain > 45) is told
 
 
 def test_without_edges_of_shadows_nothing_is_said(
