@@ -7,7 +7,6 @@ the lens, so that it casts no visible shadow, and falls off with the square of t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +84,7 @@ class Renderer:
         reaches = [max(lamp.radius_deg, _POINT_DEG) for lamp in scene.lamps[:lights]]
         self._reaches = np.radians([*reaches, scene.flash_radius_deg])
         self.to_lamps = to_lamps / np.linalg.norm(to_lamps, axis=1, keepdims=True)
+        self._across = [_across(to_lamp) for to_lamp in self.to_lamps]
 
     def block(self, rows: slice, colours: Array) -> tuple[Image, Image]:
         """Light that each source sends to each pixel of some rows, and the normals there.
@@ -174,7 +174,7 @@ class Renderer:
         """
         to_lamp, spread = self.to_lamps[lamp], self._spreads[lamp]
         origins = points[facing]
-        seen = np.ones((len(facing), _LAMP_SAMPLES), bool)
+        seen = np.ones((_LAMP_SAMPLES, len(facing)), bool)
         for occluder in self._occluders:
             if occluder.index == own or not len(facing):
                 continue
@@ -185,28 +185,33 @@ class Renderer:
             near = np.flatnonzero((beside <= reach**2) & (along > -occluder.radius))
             if not len(near):
                 continue
-            for sample, directions in enumerate(_disc(origins[near], to_lamp, spread)):
-                seen[near, sample] &= np.isinf(occluder.enter(origins[near], directions))
+            directions = _disc(origins[near], to_lamp, spread, self._across[lamp])
+            seen[:, near] &= np.isinf(occluder.enter(origins[near], directions))
         parts = np.zeros(len(points))
-        parts[facing] = seen.mean(axis=1)
+        parts[facing] = seen.mean(axis=0)
         return parts
 
 
-def _disc(points: Array, to_lamp: Array, spread: float) -> Iterator[Array]:
-    """Aim at samples of a round lamp, each (n, 3), turned at random for each point.
+def _across(to_lamp: Array) -> tuple[Array, Array]:
+    """Two unit directions across a lamp's own."""
+    sideways = np.cross(to_lamp, (0.0, 0.0, 1.0) if abs(to_lamp[2]) < 0.9 else (1.0, 0.0, 0.0))
+    sideways /= np.linalg.norm(sideways)
+    return sideways, np.cross(to_lamp, sideways)
+
+
+def _disc(points: Array, to_lamp: Array, spread: float, across: tuple[Array, Array]) -> Array:
+    """Aim at samples of a round lamp, (samples, n, 3), turned at random for each point.
 
     Neighbouring points see different samples, so that their mean has no bands. The turn comes
     from the point itself: a rendering is the same whatever its blocks.
     """
     turn = np.sin(points @ (12989.8, 7823.3, 3771.9)) * 43758.5
-    sideways = np.cross(to_lamp, (0.0, 0.0, 1.0) if abs(to_lamp[2]) < 0.9 else (1.0, 0.0, 0.0))
-    sideways /= np.linalg.norm(sideways)
-    upwards = np.cross(to_lamp, sideways)
-    for sample in range(_LAMP_SAMPLES):
-        radius = spread * np.sqrt((sample + 0.5) / _LAMP_SAMPLES)
-        angle = turn + sample * _GOLDEN_ANGLE
-        beside = np.cos(angle)[:, None] * sideways + np.sin(angle)[:, None] * upwards
-        yield to_lamp + radius * beside
+    sample = np.arange(_LAMP_SAMPLES)[:, None]
+    radius = spread * np.sqrt((sample + 0.5) / _LAMP_SAMPLES)
+    angle = turn + sample * _GOLDEN_ANGLE
+    sideways, upwards = across
+    beside = np.cos(angle)[..., None] * sideways + np.sin(angle)[..., None] * upwards
+    return np.asarray(to_lamp + radius[..., None] * beside)
 
 
 def _light(hits: Hits, colours: Array) -> Array:

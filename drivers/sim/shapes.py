@@ -29,9 +29,9 @@ class Solid:
         self.radius = reach.get(self.kind, float(np.hypot(max(half[0], half[2]), half[1])))
 
     def enter(self, origins: Array, directions: Array) -> Array:
-        """Ray parameter of the entry, infinite where the ray misses; (n,).
+        """Ray parameter of the entry, infinite where the ray misses; (..., n).
 
-        origins, directions: (n, 3) or (3,), origins outside the shape.
+        origins: (n, 3) or (3,), outside the shape. directions: (..., n, 3).
         """
         o = (origins - self.centre) @ self._to_unit.T
         d = directions @ self._to_unit.T

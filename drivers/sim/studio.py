@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,30 +31,16 @@ class Studio:
         self._set_up_lights()
 
     def _set_up_lights(self) -> None:
-        s = spectra.sensitivities()
-        lamps = self.scene.lamps[: self.options.lights]
-        spds = [_spectrum(lamp.light, lamp.through) for lamp in lamps]
-        power = [*(lamp.strength for lamp in lamps), self.scene.flash]
-        green = [
-            _scaled(spd, level) for spd, level in zip([*spds, spectra.flash()], power, strict=True)
-        ]
-        rho = np.stack([spectra.reflectance(name) for name in self.scene.materials.values()])
-        # (materials, sources, 3): response to each material under each lamp, then under the flash
-        colours = np.einsum("mw,jw,kw->mjk", rho, np.stack(green), s)
-        gain = self.scene.highlight / self._meter(colours)
+        options, s = self.options, spectra.sensitivities()
+        rho, green, colours = _responses(self.scene, options.lights)
+        height = max(2, round(_METER_WIDTH * options.height / options.width))
+        gain = self.scene.highlight / _brightest(options.scene, options.lights, height)
         self._colours = colours * gain
-        self._white = np.stack(green) @ s.T * gain
+        self._white = green @ s.T * gain
         neutral = _scaled(spectra.daylight(), 1.0)
         strengths = self._white[:-1, 1]
         self._neutral_colours = np.zeros_like(colours)  # the flash is not part of that picture
         self._neutral_colours[:, :-1] = np.einsum("mw,j,kw->mjk", rho * neutral, strengths, s)
-
-    def _meter(self, colours: Array) -> float:
-        """Find the brightest value of the flash photograph, on a small rendering."""
-        height = max(2, round(_METER_WIDTH * self.options.height / self.options.width))
-        small = Renderer(self.scene, self.options.lights, _METER_WIDTH, height)
-        light, _ = small.block(slice(0, height), colours)
-        return float(light.sum(0).max())
 
     def _blocks(self, colours: Array) -> Iterator[tuple[slice, Image, Image]]:
         """(rows, light of each source (sources, h, W, 3), normals (h, W, 3)), top to bottom."""
@@ -105,6 +92,29 @@ def mosaic(image: Image) -> Image:
     seen[::2, ::2] = image[::2, ::2, 0]
     seen[1::2, 1::2] = image[1::2, 1::2, 2]
     return seen
+
+
+@cache
+def _brightest(scene: str, lights: int, height: int) -> float:
+    """Find the brightest value of a scene's flash photograph, on a small rendering."""
+    loaded = load_scene(scene)
+    small = Renderer(loaded, lights, _METER_WIDTH, height)
+    light, _ = small.block(slice(0, height), _responses(loaded, lights)[2])
+    return float(light.sum(0).max())
+
+
+def _responses(scene: Scene, lights: int) -> tuple[Array, Array, Array]:
+    """What the camera answers to a scene, before its exposure is metered.
+
+    (materials, W) reflectances; (sources, W) spectra of the lamps, and last of the flash;
+    (materials, sources, 3) responses to each material under each of them.
+    """
+    lamps = scene.lamps[:lights]
+    spds = [*(_spectrum(lamp.light, lamp.through) for lamp in lamps), spectra.flash()]
+    power = [*(lamp.strength for lamp in lamps), scene.flash]
+    green = np.stack([_scaled(spd, level) for spd, level in zip(spds, power, strict=True)])
+    rho = np.stack([spectra.reflectance(name) for name in scene.materials.values()])
+    return rho, green, np.einsum("mw,jw,kw->mjk", rho, green, spectra.sensitivities())
 
 
 def _spectrum(light: str, through: str | None) -> Array:
