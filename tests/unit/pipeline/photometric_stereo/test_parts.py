@@ -52,8 +52,8 @@ def test_either_side_of_a_jump_finds_its_own_distance(
 
     It looks the same, but for the light of the flash.
     """
-    one = ball(40)
-    right = np.arange(40) >= 22
+    one = ball(32)
+    right = np.arange(32) >= 18
     scene = scene_of(replace(one, flash=one.flash / np.where(right, ratio**2, 1)[:, None]))
 
     left, state = fit_in_parts(scene)
@@ -63,8 +63,8 @@ def test_either_side_of_a_jump_finds_its_own_distance(
     depth = np.full(one.inside.shape, np.nan)
     depth[left.grid.mask] = np.sqrt(state.h[left.grid.corners].mean(axis=1))
     relative = depth / one.depth
-    middle = np.s_[12:28]
-    beyond, before = (np.nanmedian(relative[middle, at]) for at in (slice(24, 30), slice(14, 20)))
+    middle = np.s_[10:22]
+    beyond, before = (np.nanmedian(relative[middle, at]) for at in (slice(20, 25), slice(11, 16)))
     assert beyond / before == pytest.approx(ratio, rel=0.01)
 
 
