@@ -6,8 +6,8 @@ BUILD = buildah bud --isolation chroot --layers
 JOBS = 200
 FAULTS = 60
 SEED = 1
-# tests wait for services at times, so one worker more than processors, up to four
-WORKERS = $(shell n=$$(nproc); echo $$((n < 3 ? n + 1 : 4)))
+# tests wait for services a third of their time, so two workers more than processors, up to six
+WORKERS = $(shell n=$$(nproc); echo $$((n < 4 ? n + 2 : 6)))
 BIN := .venv/bin
 INSTALLED := .venv/installed
 COMPILED := .venv/compiled
