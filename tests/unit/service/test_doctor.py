@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import psycopg.errors
 import pytest
@@ -189,7 +190,7 @@ def test_a_clock_that_is_off_is_told(
 ) -> None:
     with context.engine.begin() as connection:
         ahead = connection.execute(sa.select(database.now())).scalar_one() + 1000
-    monkeypatch.setattr("service.doctor.time.time", lambda: ahead)
+    monkeypatch.setattr("service.doctor.time", SimpleNamespace(time=lambda: ahead))
     found = look()["clock"]
     assert found.grade == "wrong"
     assert re.search("by (1000|9[0-9]{2}) s", found.sentence)  # the database's goes on

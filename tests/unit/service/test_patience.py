@@ -4,6 +4,7 @@ import errno
 import logging
 import sqlite3
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 import sqlalchemy as sa
@@ -59,7 +60,8 @@ def test_it_is_waited_for_no_longer_than_that(
     seconds: float, waits: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waited: list[float] = []
-    monkeypatch.setattr("service.patience.time.monotonic", lambda: 1000.0 + sum(waited))
+    clock = SimpleNamespace(monotonic=lambda: 1000.0 + sum(waited))
+    monkeypatch.setattr("service.patience.time", clock)
     with pytest.raises(GenericError, match="away"):
         patiently(_failing(7, GenericError("away")), seconds, waited.append, log)
     assert waited == waits

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -150,7 +151,9 @@ def _waits(
     ends, stop = iter(codes), _Stop(len(codes))
     times = iter([time for life in lives for time in (0.0, life)])
     monkeypatch.setattr("subprocess.Popen", lambda *_call, **_named: _Ended(next(ends)))
-    monkeypatch.setattr("service.serve.time.monotonic", lambda: next(times))
+    # that module's alone: threads of other tests ask for the time, too
+    clock = SimpleNamespace(monotonic=lambda: next(times))
+    monkeypatch.setattr("service.serve.time", clock)
     _keep_worker(Settings(), stop)
     return stop.seconds
 
