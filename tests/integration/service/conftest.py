@@ -34,7 +34,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     yield from _running(Service(tmp_path_factory.mktemp("service"), heartbeat_seconds=2))
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")  # few ask for it, and while it runs it costs others their time
 def _breakable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """Tells webhooks on this machine, again at once where they do not take it."""
     service = Service(
@@ -68,7 +68,7 @@ def make_service() -> Iterator[Callable[..., Service]]:
         yield make
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def sweeping(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service whose worker runs two jobs at once and often looks for those to be removed.
 
