@@ -6,8 +6,9 @@ BUILD = buildah bud --isolation chroot --layers
 JOBS = 200
 FAULTS = 60
 SEED = 1
-# tests wait for services a third of their time, so two workers more than processors, up to six
-WORKERS = $(shell n=$$(nproc); echo $$((n < 4 ? n + 2 : 6)))
+# tests wait for services at times, so one worker more than processors, up to four; with more of
+# them more services idle beside the tests, and all take as long
+WORKERS = $(shell n=$$(nproc); echo $$((n < 3 ? n + 1 : 4)))
 BIN := .venv/bin
 INSTALLED := .venv/installed
 COMPILED := .venv/compiled
