@@ -1,0 +1,141 @@
+"""Lamps that the user has pinned or forbidden."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.lamps import lamps
+from pipeline.lamps.lamps import estimate_lamps
+from pipeline.lamps.model import Model
+from pipeline.matrixfit.evidence import evidence_of_surfaces
+from pipeline.matrixfit.fit import Fit, fit_pin
+from pipeline.matrixfit.known import Known, nothing_known
+from pipeline.pair.reduced import reduce_pair
+from pipeline.run_warnings import Code
+from tests.angles import angles
+
+Array = NDArray[np.float64]
+Exact = Callable[..., tuple[Any, Array]]
+Shadowed = Callable[[Array], Any]
+
+
+@pytest.fixture
+def pinned(model: Model, surfaces: Array) -> Callable[[Array], Known]:
+    """Pin lamps by their coefficients."""
+
+    def of_lamps(coefficients: Array) -> Known:
+        matrices = model.lamp_matrix(coefficients)
+        pins = [
+            fit_pin(evidence_of_surfaces(surfaces, surfaces @ matrix.T), model, False)
+            for matrix in matrices
+        ]
+        return replace(nothing_known(model.flash_white), pinned=tuple(pins))
+
+    return of_lamps
+
+
+@pytest.mark.parametrize(
+    ("which", "expected"), [((2, 0), [1, 0]), ((0, 2), [0, 1]), ((2,), [-1, 0])]
+)
+def test_it_is_told_which_lamps_were_pinned(
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    pinned: Callable[[Array], Known],
+    which: tuple[int, ...],
+    expected: list[int],
+) -> None:
+    true = warm_to_cool[[0, 2]]
+    known = pinned(warm_to_cool[list(which)])
+
+    found = estimate_lamps(reduce_pair(shadowed(true)), model, "auto", "best", False, known)
+
+    assert found.pinned.tolist() == expected
+    whites = model.lamp_matrix(true) @ model.flash_white
+    assert angles(found.coefficients, whites).max() < 0.3
+    assert found.contradictions == ()
+
+
+def test_as_many_lamps_are_found_as_are_pinned(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+) -> None:
+    reduced = reduce_pair(shadowed(warm_to_cool[:1]))
+
+    found = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[[2, 0]]))
+
+    assert found.pinned.tolist() == [1, 0]
+    whites = model.lamp_matrix(warm_to_cool[[0, 2]]) @ model.flash_white
+    assert angles(found.coefficients, whites).max() < 1
+
+
+@pytest.mark.parametrize(("pins", "least"), [(None, 1), (0, 1), (1, 1), (2, 2), (3, 3)])
+def test_counting_begins_with_what_is_known_and_never_below_one(
+    exact: Exact,
+    model: Model,
+    warm_to_cool: Array,
+    pinned: Callable[[Array], Known],
+    monkeypatch: pytest.MonkeyPatch,
+    pins: int | None,
+    least: int,
+) -> None:
+    """Where more lamps are less likely, it ends there, too."""
+    asked = set()
+
+    def fit(*arguments: Any) -> Fit:
+        asked.add(arguments[3])
+        return Fit(model.lamp_matrix(warm_to_cool[: arguments[3]]), 900.0 * arguments[3])
+
+    monkeypatch.setattr(lamps, "fit_matrices", fit)
+    known = None if pins is None else pinned(warm_to_cool[:pins])
+    reduced = reduce_pair(exact(warm_to_cool[:least])[0])
+
+    found = estimate_lamps(reduced, model, "auto", "best", False, known)
+
+    assert len(found) == min(asked) == least
+    assert found.pinned.tolist() == [*range(pins or 0), *[-1] * (least - (pins or 0))]
+
+
+def test_pins_that_the_photograph_contradicts_are_doubted(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+) -> None:
+    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+
+    found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[[1]]))
+
+    assert 0 in found.pinned
+    (warning,) = found.contradictions
+    assert (warning.code, warning.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
+
+
+def test_a_forbidden_lamp_that_is_missed_is_told(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the fit is worth without what is known."""
+    true = model.lamp_matrix(warm_to_cool[:2])
+    white = true[0] @ model.flash_white
+    known = replace(nothing_known(model.flash_white), forbidden=white[None] / np.linalg.norm(white))
+    monkeypatch.setattr(
+        lamps, "fit_matrices", lambda *given: Fit(true, 0.0 if len(given[4].forbidden) else -100.0)
+    )
+
+    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
+
+    (warning,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
+    assert warning.code == Code.FORBIDDEN_LAMP_SHOWS
+    assert estimate_lamps(reduced, model, 2, "best", False).contradictions == ()
+
+
+def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true = model.lamp_matrix(warm_to_cool[:2])
+    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true, np.inf))
+    with pytest.raises(OptionError, match="Whatever 2 lamps explain the photograph"):
+        estimate_lamps(reduce_pair(shadowed(warm_to_cool[:2])), model, 2, "best", False)
