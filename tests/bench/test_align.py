@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import simplejpeg
 
 from tests.bench import align
 
@@ -22,3 +26,28 @@ def test_pictures_are_moved_by_the_matrix() -> None:
     moved = align._warped(picture, np.array([[1.0, 0, 7], [0, 1, -4], [0, 0, 1]]))
 
     assert moved[..., 0].argmax() == 6 * 60 + 27
+
+
+def test_ours_is_timed_without_its_first_run_and_held_against_the_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who finds no motion has the whole of it for an error."""
+    path = tmp_path / "a.jpg"
+    path.write_bytes(simplejpeg.encode_jpeg(np.full((200, 300, 3), 90, np.uint8), colorspace="RGB"))
+    spent = [0.0]
+    costs = iter([9.0, 8, 2, 2, 1] * 3)
+    monkeypatch.setattr(align, "pair_files", lambda _pair: (path, path))
+    monkeypatch.setattr(align, "HUGIN", "no-such-program")
+    monkeypatch.setattr(align, "time", SimpleNamespace(process_time=lambda: spent[0]))
+
+    def find(*_pair: object) -> SimpleNamespace:
+        spent[0] += next(costs)
+        return SimpleNamespace(matrix=np.eye(3))
+
+    monkeypatch.setattr(align, "estimate_alignment", find)
+
+    measured = align.measure("a pair")
+
+    assert measured["cpu_s"] == 2
+    assert measured["error_px"] == pytest.approx(np.hypot(9, 27), abs=0.5)  # the median one
+    assert measured["hugin_cpu_ratio"] is measured["hugin_error_px"] is None

@@ -57,6 +57,12 @@ def look_away_and_back(page: Page) -> None:
         page.evaluate(HIDE, hidden)
 
 
+def await_job(page: Page) -> None:
+    """Wait until a job is shown for the list: who goes back before that has not left it."""
+    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    expect(states(page)).to_have_count(0)
+
+
 def test_jobs_under_way_are_shown_as_they_become(page: Page, listed: Listed) -> None:
     page.get_by_role("button", name=re.compile("^Delete")).last.focus()
     listed.failing = True
@@ -101,7 +107,7 @@ def test_a_list_that_one_comes_back_to_is_where_it_was(page: Page, listed: Liste
     place = page.evaluate("scrollY")
     assert place > 500
     chosen.click()
-    expect(states(page)).to_have_count(0)  # else it were one way for the page
+    await_job(page)
     page.go_back()
     expect(states(page)).to_have_count(60)
     page.wait_for_function("place => Math.abs(scrollY - place) < 2", arg=place)
@@ -130,12 +136,12 @@ def test_a_list_is_where_it_was_whatever_way_one_comes_back(page: Page, listed: 
     page.reload()
     expect_at(400)
     page.locator(".jobs a").nth(20).click()
-    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    await_job(page)
     page.go_back()
     expect_at(page.evaluate("history.state.y"))
     scroll(600)
     page.go_forward()
-    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    await_job(page)
     page.go_back()
     expect_at(600)
     page.get_by_role("link", name="Jobs").click()
@@ -160,7 +166,7 @@ def test_a_list_that_one_comes_back_to_has_all_jobs_that_it_had(page: Page, list
         page.get_by_role("button", name="Older jobs").click()
     expect(states(page)).to_have_count(240)
     page.locator(".jobs a").nth(230).click()
-    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    await_job(page)
     page.go_back()
     expect(page.locator(".jobs a").nth(230)).to_be_in_viewport()
 
