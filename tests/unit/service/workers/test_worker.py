@@ -7,7 +7,6 @@ import sqlite3
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,14 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from service import dbos_queue, metrics
-from service.dbos_queue import Held
 from service.errors import StartError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, results_key
 from service.rows import cameras, database, heartbeats, jobs
 from service.rows.database import AWAY
 from service.rows.states import State
-from service.settings import Settings
 from service.storage import Storage
-from service.workers import host, presence, worker
+from service.workers import host, worker
 from service.workers.attempt import Attempt
 from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first
@@ -35,16 +32,6 @@ CUT_SHORT = {
     "its process died": ChildProcessError("the fork server has died"),
     "something nobody thought of": RuntimeError("what?"),
 }
-
-
-@pytest.fixture
-def one(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
-    """A worker that lives, whose queue is the test, and that does not wait before it retries."""
-    monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.0)
-    one = Worker(settings)
-    one._beat()
-    yield one
-    one._engine.dispose()
 
 
 def _add(one: Worker, **values: Any) -> None:
@@ -326,86 +313,6 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
     assert runs == [1]
 
 
-def test_what_the_queues_forgot_to_bring_is_put_back(
-    one: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A sweep of which the answer got lost would hold up all others, a telling be told never."""
-    put_back: list[set[str]] = []
-    held = [
-        Held("mine", one.id, "jobs"),
-        Held("running-again-1", one.id, "jobs"),
-        Held("a telling", one.id, "webhooks"),
-        Held("a sweep", one.id, "upkeep"),
-        Held("dead", "another", "jobs"),
-        Held("living", "neighbour", "jobs"),
-    ]
-
-    def look() -> list[Held]:
-        with one._engine.begin() as connection:
-            heartbeats.beat(connection, "neighbour")  # which may just have come
-        return held
-
-    monkeypatch.setattr(one._queue, "held", look)
-    monkeypatch.setattr(
-        one._queue, "put_back", lambda found: put_back.append({held.id for held in found})
-    )
-    one._runs.add("running")
-    one.keep()
-    one.keep()
-    assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
-
-
-def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
-    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    held = [
-        Held("a", "another", "jobs"),
-        Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
-        Held(dbos_queue.telling_id("c", 12), "another", "webhooks"),
-        Held("sched-often-1", "another", "upkeep"),
-    ]
-    monkeypatch.setattr(one._queue, "held", lambda: held)
-    monkeypatch.setattr(one._queue, "put_back", lambda _found: None)
-    before = metrics.TAKEOVERS._value.get()
-    one.keep()
-    logged = {vars(line)["job"] for line in caplog.records if line.message == "taken over"}
-    assert logged == {"a", "b", "c", "sched-often-1"}
-    assert metrics.TAKEOVERS._value.get() - before == 2
-
-
-def test_tellings_and_sweeps_that_take_long_are_not_put_back(
-    one: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun, go = threading.Barrier(3), threading.Event()
-    put_back: list[set[Held]] = []
-    done: list[tuple[Any, ...]] = []
-
-    def work(*arguments: Any) -> None:
-        begun.wait(60)
-        assert go.wait(60)
-        done.append(arguments)
-
-    monkeypatch.setattr(one._teller, "tell", work)
-    monkeypatch.setattr(one._sweeping, "run", work)
-    held = [Held("a-webhook-2", one.id, "webhooks"), Held("sched-often", one.id, "upkeep")]
-    monkeypatch.setattr(one._queue, "held", lambda: held)
-    monkeypatch.setattr(one._queue, "put_back", put_back.append)
-    threads = [
-        threading.Thread(target=one.tell, args=("a", 2)),
-        threading.Thread(target=one.sweep, args=("sched-often", True)),
-    ]
-    for thread in threads:
-        thread.start()
-    begun.wait(60)
-    one.keep()
-    one.keep()
-    go.set()
-    for thread in threads:
-        thread.join()
-    assert put_back == [set(), set()]
-    assert sorted(done, key=len) == [(True,), ("a", 2)]
-
-
 @pytest.mark.parametrize("error", AWAY)
 def test_a_database_that_is_away_does_not_end_a_worker(
     one: Worker, error: type[sa.exc.SQLAlchemyError], monkeypatch: pytest.MonkeyPatch
@@ -464,22 +371,6 @@ def test_a_heartbeat_outlives_room_that_cannot_be_made(
     one.keep()
     with one._engine.begin() as connection:
         assert heartbeats.living(connection, 60) == {one.id}
-
-
-def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
-    one: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its silence is not waited for, as that of a worker elsewhere is."""
-    monkeypatch.setattr(presence, "dead", lambda _folder: iter(["died-here"]))
-    put_back: list[Held] = []
-    held = [Held("a", "died-here", "jobs"), Held("b", "elsewhere", "jobs")]
-    monkeypatch.setattr(one._queue, "held", lambda: held)
-    monkeypatch.setattr(one._queue, "put_back", put_back.extend)
-    with one._engine.begin() as connection:
-        for name in ("died-here", "elsewhere"):
-            heartbeats.beat(connection, name)
-    one.keep()
-    assert put_back == held[:1]
 
 
 def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one: Worker) -> None:
