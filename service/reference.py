@@ -70,7 +70,8 @@ def _options() -> str:
 def _settings() -> str:
     return (
         "# Settings\n\nRead from the environment; every process of one service needs the same "
-        "ones.\n\n" + _fields(Settings, "LIGHTLAYERS_")
+        "ones, but for the ports of processes that share a host.\n\n"
+        + _fields(Settings, "LIGHTLAYERS_")
     )
 
 

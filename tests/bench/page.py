@@ -16,13 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import httpx
 from playwright.sync_api import CDPSession, Page, sync_playwright
 
-_CHROMIUM = "/usr/bin/chromium"
+from tests.chromium import find_chromium
+
 _WINDOWS = ((1440, 900), (1920, 1080), (2560, 1440))
 _SECONDS = 4
 _COUNT = """() => {
@@ -60,6 +60,9 @@ _DRAG = """async (seconds) => {
 
 def main() -> int:
     """Make a job for each number of lamps, drag, print a row for each window."""
+    program = find_chromium()
+    if program is None:
+        raise SystemExit("Install Debian's package chromium.")
     with tempfile.TemporaryDirectory() as folder:
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = server.getsockname()[1]
@@ -71,19 +74,19 @@ def main() -> int:
             stderr=subprocess.DEVNULL,
         )
         try:
-            _measure(url)
+            _measure(url, program)
         finally:
             service.terminate()
             service.wait()
     return 0
 
 
-def _measure(url: str) -> None:
+def _measure(url: str, program: str) -> None:
     _say("| drawn by | lamps | window | canvas, MP | drawn, MP | frames a second | ms for each |")
     _say("|---|---|---|---|---|---|---|")
     with sync_playwright() as playwright, httpx.Client(base_url=url) as http:
         jobs = {lamps: _job(http, lamps) for lamps in (2, 3)}
-        browser = playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         for painter in ("processor", "WebGL by software"):
             for lamps, job in jobs.items():
                 for width, height in _WINDOWS:
@@ -157,5 +160,4 @@ def _processor_seconds(session: CDPSession) -> float:
 
 
 if __name__ == "__main__":
-    assert Path(_CHROMIUM).exists(), "install Debian's package chromium"
     sys.exit(main())

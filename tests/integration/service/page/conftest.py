@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
@@ -11,14 +10,13 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 import drivers
+from tests.chromium import find_chromium
 from tests.integration.service.page.looking import PATIENCE_MS, SHOTS
 
 
 @pytest.fixture(scope="package")  # its event loop would be in the way of other tests
 def browser(lacking: Callable[[str], NoReturn]) -> Iterator[Browser]:
-    # the first draws no window, and takes half of the processor time
-    programs = ("chromium-headless-shell", "chromium", "chromium-browser")
-    program = next(filter(None, map(shutil.which, programs)), None)
+    program = find_chromium()
     if program is None:
         lacking("chromium")
     SHOTS.mkdir(parents=True, exist_ok=True)
