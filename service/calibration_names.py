@@ -37,4 +37,6 @@ def take_out(options: Any) -> tuple[Any, dict[str, Any]]:
 
 def names_calibration(option: str, value: Any) -> bool:
     """Whether the value of an option, as sent, is a calibration's name."""
-    return option in KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
+    if option not in KINDS or not isinstance(value, Mapping) or set(value) != {"calibration"}:
+        return False
+    return not isinstance(value["calibration"], (Mapping, list))  # however deep they go

@@ -20,9 +20,12 @@ _BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
 _KIND_OF_LAMP = re.compile(r"(?<=_lamps\.)(\d+)\.(area|table|name)\b")
 """What pydantic adds to a known lamp, which may be of several kinds."""
 
-_MEMBER = re.compile(r"\b(lamp|pinned_lamp|forbidden_lamp|light_direction)s\.(\d+)(\.|$)")
-_NUMBER = re.compile(r"\b(direction|rgb)\.(\d+)$")
+_MEMBER = re.compile(r"\b(lamp|pinned_lamp|forbidden_lamp|light_direction)s\.(\d{1,9})(\.|$)")
+_NUMBER = re.compile(r"\b(direction|rgb)\.(\d{1,9})$")
 """Places in lists that people count, from 1 on."""
+
+_LONGEST_NAME = 80
+"""Characters of a name that are told: somebody may have written any."""
 
 _WORDS = (
     (r" or instance of \w+$| after validation| or object to extract fields from$", ""),
@@ -100,9 +103,13 @@ def describe_fault(location: tuple[int | str, ...], message: str) -> str:
 
 
 def _in_words(location: tuple[int | str, ...]) -> str:
-    place = _KIND_OF_LAMP.sub(r"\1", ".".join(str(part) for part in location))
+    place = _KIND_OF_LAMP.sub(r"\1", ".".join(_shortened(str(part)) for part in location))
     place = _NUMBER.sub(lambda found: f"{found[1]}, number {int(found[2]) + 1}", place)
     return _MEMBER.sub(
         lambda found: f"{found[1].replace('_', ' ')} {int(found[2]) + 1}{', ' if found[3] else ''}",
         place,
     )
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +38,9 @@ PROBLEMS = (
     ForeignCameraError,
 )
 """What a capture that a job or a calibration begins with may be refused for."""
+
+
+_BURST_BYTES = 8 * 1024 * 1024  # of the options of all its jobs
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
     ids = bursts.new_ids(wanted.count)
     values = {"request_hash": request_hash, "capture": _row_of(wanted.capture)}
     row = make_row(submission, values, wanted.options, wanted.handling)
+    _refuse_large(row["options"], wanted.count)
     try:
         with context.engine.begin() as connection:
             row["camera"] = cameras.add(connection, wanted.capture.camera)
@@ -140,6 +145,16 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
             raise
         return earlier
     return Accepted(ids[0], replayed=False)
+
+
+def _refuse_large(options: dict[str, Any], pairs: int) -> None:
+    """Refuse a small request that would fill the database, as each job has its own options."""
+    size = len(json.dumps(options)) * pairs
+    if pairs > 1 and size > _BURST_BYTES:
+        raise OptionError(
+            f"options: for {pairs} pairs they take {size:,} bytes of {_BURST_BYTES:,}: name a "
+            "calibration in place of tables, or ask for fewer pairs."
+        )
 
 
 def _add(

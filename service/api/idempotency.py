@@ -59,5 +59,6 @@ def digest(same: dict[str, Any]) -> str:
 
 def as_asked(wanted: BaseModel) -> dict[str, Any]:
     """What a request asks for, to be digested."""
-    # Without defaults, else a release that adds an option took no request for an earlier one.
-    return wanted.model_dump(mode="json", exclude_defaults=True)
+    # Without what it leaves out, else a release that adds an option took no request for an earlier
+    # one; with defaults that it names, since these win over a kept calibration.
+    return wanted.model_dump(mode="json", exclude_unset=True)

@@ -6,11 +6,12 @@ JSON is taken at its word, in bodies and in parts of forms: "2" is no number, an
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import Request
 from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
@@ -49,7 +50,10 @@ from service.workers import scratch
 
 _JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text
 _TEXTS = ("options", "handling")
+_NUL = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
+"""In JSON. PostgreSQL keeps it, and finds no other row any more once it has to read it."""
 
+T = TypeVar("T")
 AnyOptions = Options | FlashCalibration | CameraCalibration | LampsCalibration
 
 
@@ -109,15 +113,13 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
     Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
     """
     body = await _json_body(request, limit, "what the rerun is to do", may_be_empty=True)
-    with in_words():
-        return RerunRequest.model_validate_json(body, strict=True)
+    return _validated(RerunRequest.model_validate_json, body)
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     """Read a request to mix the layers of a job; raises what `read` raises."""
     body = await _json_body(request, limit, "the settings of the lamps")
-    with in_words():
-        wanted = MixJob.model_validate_json(body, strict=True)
+    wanted = _validated(MixJob.model_validate_json, body)
     mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
     options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
     return Intake(options, handling_of(wanted), Path())
@@ -131,15 +133,13 @@ async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, di
     """
     body = await _json_body(request, limit, "what the camera is to do", may_be_empty=True)
     _, body, named = await run_in_threadpool(_json, body)
-    with in_words():
-        return CameraCapture.model_validate_json(body, strict=True), named
+    return _validated(CameraCapture.model_validate_json, body), named
 
 
 async def read_settings(request: Request, limit: int) -> CaptureSettings:
     """Read which settings of a camera to write. Raises what `read_rerun` raises."""
     body = await _json_body(request, limit, "the settings of the camera")
-    with in_words():
-        return SettingsRequest.model_validate_json(body, strict=True).root
+    return _validated(SettingsRequest.model_validate_json, body).root
 
 
 async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
@@ -209,8 +209,7 @@ def _captured(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    with in_words():
-        wanted = model.model_validate_json(body, strict=True)
+    wanted = _validated(model.model_validate_json, body)
     drivers.check_address(wanted.capture.camera)
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
@@ -249,8 +248,7 @@ def _uploaded(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    with in_words():
-        wanted = model.model_validate_json(body, strict=True)
+    wanted = _validated(model.model_validate_json, body)
     ids = wanted.uploads.model_dump()
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
@@ -275,10 +273,9 @@ def _calibration_pair(form: Form, directory: Path) -> Intake:
 
 def _sent(form: Form, text: str, options_of: Callable[..., AnyOptions], directory: Path) -> Intake:
     text, named = _taken_out(text)
-    with in_words("handling"):
-        handling = Handling.model_validate_json(form.texts.get("handling", "{}"), strict=True)
-    with in_words("options"):
-        options = options_of(text, strict=True)
+    handled = form.texts.get("handling", "{}")
+    handling = _validated(Handling.model_validate_json, handled, "handling")
+    options = _validated(options_of, text, "options")
     return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
 
 
@@ -288,3 +285,14 @@ def _taken_out(text: str) -> tuple[str, dict[str, Any]]:
         return json.dumps(options), named
     except (ValueError, RecursionError):
         return text, {}  # what is wrong with it is told where it is read
+
+
+def _validated(read: Callable[..., T], text: bytes | str, whole: str = "") -> T:
+    """Read JSON, as it is kept then; whole: what it is, to be named where all of it is wrong.
+
+    Raises OptionError.
+    """
+    if _NUL.search(text if isinstance(text, str) else text.decode(errors="replace")):
+        raise OptionError("A text holds a NUL (\\u0000), which cannot be kept: leave it out.")
+    with in_words(whole):
+        return read(text, strict=True)

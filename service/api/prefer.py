@@ -13,7 +13,8 @@ WAIT_SECONDS = 60
 
 _WORD = r"[!#$%&'*+.^_`|~0-9A-Za-z-]+"
 _QUOTED = r'"(?:[^"\\]|\\.)*"'
-_PART = re.compile(rf"(?:{_QUOTED}|[^,])+")
+# a quotation that nobody ends goes to the end: looked for from each quote, it would take hours
+_PART = re.compile(r'(?:"(?:[^"\\]|\\.?)*(?:"|$)|[^,"])+')
 _PREFERENCE = re.compile(rf"\s*({_WORD})(?:\s*=\s*({_WORD}|{_QUOTED}))?\s*(?:;.*)?", re.DOTALL)
 
 

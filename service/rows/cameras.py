@@ -24,6 +24,8 @@ from service.rows.states import ENDED, HELD
 _UNUSED_SECONDS = 86400.0  # after which a camera that nobody looks for is forgotten
 _USB = "ptp+usb://"
 _GPHOTO = "gphoto2://"
+_EXTERNAL = "external"
+_SWITCH_LOCK = 0x11648  # any number but that of migrations
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ def count_waiting(connection: sa.Connection, camera: str) -> int:
 def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
     """Start the next capture of a job, as jobs.claim does, once nobody else uses its camera.
 
-    A job that has its pair already is claimed from a dead worker alone, to be passed on.
+    Nor the operator's switch, which is one for all cameras, where the job's flash is on it. A job
+    that has its pair already is claimed from a dead worker alone, to be passed on.
     """
     job = jobs.find(connection, job_id)
     if job is None or job.camera is None or job.capture is None:
@@ -121,16 +124,21 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     other = holder(connection, job.camera)
     if _is_taken(connection, job.camera) or (other and other.id != job_id):
         return None
+    if job.capture.get("flash") == _EXTERNAL:
+        if connection.dialect.name != "sqlite":  # which the row of the camera has locked whole
+            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_SWITCH_LOCK)))
+        if is_switch_in_use(connection, job_id):
+            return None
     job = jobs.find(connection, job_id)  # as it is now that others wait
     if job is None or is_past_capture(job):
         return None
     return jobs.claim(connection, job_id, worker, queues.CAPTURE)
 
 
-def is_switch_in_use(connection: sa.Connection) -> bool:
-    """Whether a job has a pair taken with the flash on the operator's switch."""
-    takes = sa.and_(rows.c.state.in_(HELD), rows.c.stage == queues.CAPTURE)
-    switches = rows.c.capture["flash"].as_string() == "external"
+def is_switch_in_use(connection: sa.Connection, besides: str) -> bool:
+    """Whether a job besides this has a pair taken with the flash on the operator's switch."""
+    takes = sa.and_(rows.c.state.in_(HELD), rows.c.stage == queues.CAPTURE, rows.c.id != besides)
+    switches = rows.c.capture["flash"].as_string() == _EXTERNAL
     return connection.execute(sa.select(rows.c.id).where(takes, switches)).first() is not None
 
 

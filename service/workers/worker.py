@@ -196,16 +196,16 @@ class Worker:
 
     def _capture(self, job_id: str) -> None:
         if not self._run(job_id, cameras.claim, self._is_passed_on):
-            self._leave_flash_off()  # a worker that died with it on has nobody else to do so
+            self._leave_flash_off(job_id)  # a worker that died with it on left nobody to do so
 
-    def _leave_flash_off(self) -> None:
+    def _leave_flash_off(self, job_id: str) -> None:
         """Switch off the flash for a job whose row is gone, unless another job has the switch."""
         switch = self._settings.flash_switch
         if switch is None:
             return
         with contextlib.suppress(*database.AWAY):
             with self._engine.connect() as connection:
-                in_use = cameras.is_switch_in_use(connection)
+                in_use = cameras.is_switch_in_use(connection, job_id)
             if not in_use:
                 leave_flash_off(switch)
 

@@ -18,5 +18,7 @@ def test_stand_ins_take_the_place_of_calibrations() -> None:
 def test_what_names_no_calibration_stays_as_it_was_sent() -> None:
     sent = {"quality": NAME, "camera": {"calibration": "a", "more": 1}, "neutral": "d65"}
     assert take_out(sent) == (sent, {})
+    deep = {"camera": {"calibration": ["a"]}, "neutral": {"calibration": {}}}
+    assert take_out(deep) == (deep, {})
     for no_options in (None, [NAME], "camera"):
         assert take_out(no_options) == (no_options, {})

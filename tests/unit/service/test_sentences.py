@@ -82,6 +82,8 @@ def test_a_fault_of_an_object_is_one_sentence(value: str, expected: str) -> None
         (("forbidden_lamps", 0, "name"), "no", "forbidden lamp 1: no."),
         (("mix", "lamps", 1, "name"), "no", "mix.lamp 2, name: no."),
         (("lamps",), "no", "lamps: no."),
+        (("rgb", "1" * 10), "no", f"rgb.{'1' * 10}: no."),
+        (("lamps", "1" * 5000, "x"), "no", f"lamps.{'1' * 80}….x: no."),
         ((), "value error, too short", "Value error, too short."),
         (("mix",), "Value error, nothing is lit", "mix: nothing is lit."),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
 from typing import Any, NoReturn
 
@@ -11,6 +12,7 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 import drivers
+from pipeline.options import MOST_ROWS
 from service import dbos_queue
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
@@ -173,7 +175,7 @@ class TestCaptures:
         assert capture is not None
         body = {"pairs": 2, "flash": "property", "options": {"lights": 2, "exposure_ratio": None}}
         assert http.post(f"{PATH}/captures", json=body).status_code == 202
-        asked = {"camera": SIM, "wanted": {"pairs": 2, "options": {"lights": 2}}}
+        asked = {"camera": SIM, "wanted": body}
         assert {row.request_hash for row in rows_of(context)} == {digest(asked)}
 
     def test_a_burst_is_not_taken_anew_while_a_job_of_it_is_kept(
@@ -208,6 +210,25 @@ class TestCaptures:
         )
         assert rows_of(context) == []
         assert capture(pairs=10).status_code == 202
+
+    def test_a_burst_whose_options_would_fill_the_database_is_refused_whole(
+        self, capture: Any, context: Context
+    ) -> None:
+        wavelengths = [300.000123456789 + 0.4 * row for row in range(MOST_ROWS)]
+        tables = [
+            {"wavelength_nm": wavelengths, "power": [0.12345678901234568, *[1 / (7 + one)] * 1999]}
+            for one in range(10)
+        ]
+        options = {"flash_spectrum": tables[0], "neutral": tables[0], "forbidden_lamps": tables}
+        status, kind, told = problem_of(capture(pairs=10, options=options))
+        assert (status, kind) == (422, "invalid-option")
+        assert re.fullmatch(
+            r"options: for 10 pairs they take [0-9,]+ bytes of 8,388,608: name a calibration in "
+            "place of tables, or ask for fewer pairs.",
+            told,
+        )
+        assert rows_of(context) == []
+        assert capture(pairs=1, options=options).status_code == 202
 
     def test_the_next_shot_may_be_like_an_earlier_one(self, capture: Any, context: Context) -> None:
         options = {"lights": 2}

@@ -152,6 +152,12 @@ def test_what_a_later_release_adds_leaves_an_earlier_request_the_same() -> None:
         assert hash_of(replace(later, **change)) != hash_of(wanted)
 
 
+def test_a_default_that_is_named_is_asked_for() -> None:
+    none, named = Options(), Options(flash_spectrum="xenon")
+    assert none == named
+    assert len({hash_of(Intake(one, Handling(), Path())) for one in (none, named)}) == 2
+
+
 def test_a_request_is_known_by_its_calibrations_and_not_by_the_order_of_its_settings() -> None:
     def asked(*names: str, flash: str = "1" * 32) -> str:
         settings: dict[SettingName, SettingValue] = {SettingName(name): 8 for name in names}

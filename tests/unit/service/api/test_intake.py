@@ -67,3 +67,50 @@ def test_a_whole_number_is_a_number(http: httpx.Client) -> None:
     body = {"capture": CAMERA, "deadline_seconds": 600, "options": {"focal_px": 900, "lights": 2}}
     made = http.post("/jobs", json=body).raise_for_status().json()
     assert made["options"] == {"focal_px": 900.0, "lights": 2}
+
+
+NUL = "A text holds a NUL (\\u0000), which cannot be kept: leave it out."
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/jobs", {"capture": CAMERA | {"settings": {"white_balance": "a\0"}}}),
+        ("/jobs", {"capture": CAMERA, "options": {"flash_spectrum": "\0"}}),
+        ("/calibrations", {"capture": CAMERA, "options": {"kind": "flash", "setup": "a\0b"}}),
+        (f"{PATH}/captures", {"settings": {"white_balance": "\\\0"}}),
+        ("/jobs/{job}/mix", {"lamps": [], "\0": 1}),
+        ("/jobs/{job}/rerun", {"options": {"flash_spectrum": "\0"}}),
+    ],
+)
+def test_a_nul_is_refused(
+    path: str, body: dict[str, Any], http: httpx.Client, context: Context
+) -> None:
+    job = stored_job(context)
+    answer = http.post(path.format(job=job), json=body)
+    assert problem_of(answer) == (422, "invalid-option", NUL)
+    assert [row.id for row in rows_of(context)] == [job]
+
+
+@pytest.mark.parametrize("part", ["handling", "options"])
+def test_a_nul_is_refused_in_a_form(part: str, http: httpx.Client, context: Context) -> None:
+    answer = post_pair(http, b"a", b"b", data={part: json.dumps({"x": "\0"})})
+    assert problem_of(answer) == (422, "invalid-option", NUL)
+    assert rows_of(context) == []
+
+
+def test_a_backslash_before_the_digits_of_a_nul_is_none(http: httpx.Client) -> None:
+    body = {"capture": CAMERA | {"settings": {"white_balance": "a\\u0000"}}}
+    made = http.post("/jobs", json=body).raise_for_status().json()
+    assert made["capture"]["settings"] == {"white_balance": "a\\u0000"}
+
+
+def test_a_name_of_a_calibration_that_goes_deep_is_no_name(http: httpx.Client) -> None:
+    deep = "[" * 980 + "]" * 980
+    for option in ("camera", "flash_spectrum"):
+        options = f'{{"{option}": {{"calibration": {deep}}}}}'
+        body = f'{{"capture": {json.dumps(CAMERA)}, "options": {options}}}'
+        answer = http.post("/jobs", content=body, headers={"content-type": "application/json"})
+        status, kind, told = problem_of(answer)
+        assert (status, kind) == (422, "invalid-option")
+        assert told.startswith("Invalid JSON: recursion limit exceeded")

@@ -27,6 +27,9 @@ from service.api.prefer import WAIT_SECONDS, _wait, preferences
         (["=10, wait=3"], {"wait": "3"}),
         (["wait=1 0"], {}),
         (['wait="10'], {}),
+        (['foo="a, wait=5'], {}),
+        (['wait=5, foo="' + '\\"' * 16000], {"wait": "5"}),  # were each quote tried: a minute
+        (['wait=5, foo="' + '\\"' * 16000 + "\\"], {"wait": "5"}),
         ([",,;,wait=2"], {"wait": "2"}),
     ],
 )

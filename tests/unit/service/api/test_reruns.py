@@ -179,7 +179,8 @@ class TestIdempotencyKey:
     ) -> None:
         made = _rerun(http, job, {"options": {"lights": 2}, "priority": "normal"}).json()
         (row,) = (row for row in rows_of(context) if row.id == made["id"])
-        asked = {"rerun": job["id"], "wanted": {"options": {"lights": 2}}}
+        wanted = {"options": {"lights": 2}, "priority": "normal"}
+        asked = {"rerun": job["id"], "wanted": wanted}
         assert row.request_hash == digest(asked)
 
     def test_does_so_when_the_first_run_is_deleted(self, http: httpx.Client, job: Job) -> None:

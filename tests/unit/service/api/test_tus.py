@@ -471,7 +471,7 @@ class TestJobs:
             ({"uploads": {"no_flash": "x", "flash": "y"}}, "there is no upload 'x'"),
             ({"uploads": {"no_flash": "x", "flash": 1}}, "uploads.flash: "),
             ({"uploads": {"no_flash": "a" * 99, "flash": "y"}}, f"no upload '{'a' * 32}'"),
-            ({"uploads": {"no_flash": "\0", "flash": "y"}}, "there is no upload"),
+            ({"uploads": {"no_flash": "\0", "flash": "y"}}, "A text holds a NUL"),
             ({"uploads": [], "options": {}}, "uploads: "),
             ({"uploads": {}, "capture": {"camera": "sim://studio"}}, "uploads.no_flash: "),
         ],

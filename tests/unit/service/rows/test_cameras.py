@@ -126,6 +126,31 @@ def test_jobs_of_two_cameras_do_not_wait_for_each_other(engine: sa.Engine) -> No
     assert _claim(engine, "b", "w2")
 
 
+def test_jobs_of_two_cameras_wait_for_the_one_switch_of_their_flash(engine: sa.Engine) -> None:
+    _add(engine, "a", capture={"camera": ADDRESS, "flash": "external"})
+    _add(engine, "b", OTHER, capture={"camera": OTHER, "flash": "external"})
+    _add(engine, "c", "ptp+ip://192.168.1.22")
+    held = _claim(engine, "a")
+    assert held and _claim(engine, "b", "w2") is None
+    assert _claim(engine, "c", "w2")  # whose flash the camera switches
+    with engine.begin() as connection:
+        assert jobs.set_inputs(connection, held, {}, 1, {})
+        assert jobs.release(connection, held)
+    other = _claim(engine, "b", "w2")
+    assert other and other.id == "b"
+
+
+def test_a_job_that_lost_its_worker_keeps_the_switch_until_it_is_taken_over(
+    engine: sa.Engine,
+) -> None:
+    _add(engine, "a", capture={"camera": ADDRESS, "flash": "external"})
+    assert _claim(engine, "a")
+    with engine.begin() as connection:
+        heartbeats.leave(connection, "w1")
+    again = _claim(engine, "a", "w2")
+    assert again and again.attempt == 2
+
+
 def test_a_job_that_separates_does_not_hold_its_camera(engine: sa.Engine, camera: str) -> None:
     _add(engine, "a", inputs={"flash": {}})
     with engine.begin() as connection:
