@@ -14,6 +14,7 @@ from drivers.errors import (
     CameraTimeoutError,
     CaptureError,
     DriverError,
+    ProtocolError,
     SettingError,
 )
 from drivers.flash import (
@@ -56,6 +57,7 @@ __all__ = [
     "Flash",
     "OperatorFlash",
     "PropertyFlash",
+    "ProtocolError",
     "ReturningCamera",
     "SettingError",
     "SettingName",

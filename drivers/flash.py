@@ -21,6 +21,7 @@ import httpx
 from drivers.camera import Camera, SettingName, SettingValue
 from drivers.clock import Clock
 from drivers.errors import FlashError, SettingError
+from drivers.look_up import LookUpLoop
 
 log = logging.getLogger("drivers.flash")
 
@@ -150,7 +151,9 @@ def _give(order: str, state: State) -> None:
 
 def _fetch(url: str) -> None:
     try:
-        asyncio.run(asyncio.wait_for(_fetch_whole(url), SWITCH_S))  # drop by drop is no longer
+        with asyncio.Runner(loop_factory=LookUpLoop) as runner:
+            # run() would leave a Ctrl-C in a task that nobody asks for it, which is then logged
+            runner.get_loop().run_until_complete(_fetch_whole(url))
     except httpx.HTTPStatusError as error:
         raise FlashError(
             f"The switch of the flash answers {error.response.status_code}: check its URL and "
@@ -171,6 +174,7 @@ def _fetch(url: str) -> None:
 
 async def _fetch_whole(url: str) -> None:
     async with (
+        asyncio.timeout(SWITCH_S),  # drop by drop is no longer
         httpx.AsyncClient(timeout=SWITCH_S, follow_redirects=False) as client,
         client.stream("GET", url) as answer,
     ):

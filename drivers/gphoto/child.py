@@ -272,7 +272,8 @@ def explain(error: gp.GPhoto2Error, method: str) -> DriverError:
 
 def main() -> None:
     """Answer calls until stdin ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the driver, which then closes
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # they are for the driver, which then closes
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     calls = Calls()

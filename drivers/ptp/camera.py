@@ -58,6 +58,7 @@ LARGEST_CHUNK_BYTES = 1 << 24
 """Bytes asked for at once of a camera that is fast."""
 
 _QUICK_S = 0.1  # a chunk that comes so soon is followed by one of twice the size
+_SLOW_S = 2.0  # and one that takes longer by one of half the size
 
 _CARD_BACK_S = 1.0  # from when a card is gone until it is there again
 _CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
@@ -251,16 +252,19 @@ class PtpCamera(Camera):
         most, clock = CHUNK_BYTES, self._session.clock
         while offset < size:
             asked, wanted = clock.monotonic(), min(most, size - offset)
-            place = into[offset : offset + wanted] if into is not None else None
+            room = memoryview(bytearray(wanted)) if into is None else into[offset:][:wanted]
             chunk, _ = self._session.request(
-                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * most, into=place
+                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * most, into=room
             )
             if not 0 < len(chunk) <= wanted:
                 raise TransferError(
                     f"The camera sent {len(chunk)} bytes where {wanted} were asked for: try again."
                 )
-            if clock.monotonic() - asked < _QUICK_S:
+            took_s = clock.monotonic() - asked
+            if took_s < _QUICK_S:
                 most = min(2 * most, LARGEST_CHUNK_BYTES)
+            elif took_s > _SLOW_S:
+                most = max(most // 2, CHUNK_BYTES)
             offset += len(chunk)
             yield chunk
 

@@ -31,7 +31,7 @@ from drivers.ptp.ip_packets import (
     PacketStream,
     PacketType,
 )
-from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport, put
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport, data_s, put
 
 ANNOUNCED: dict[str, CameraInfo] = {}
 """Cameras on the network by what they call themselves; drivers.ptp.mdns fills it, once asked to."""
@@ -118,7 +118,7 @@ class IpTransport(Transport):
         self._await_commands(deadline)
         kind, length = self._commands.header(deadline)
         if kind is PacketType.START_DATA and length == 12:
-            return self._receive_data(most, into, deadline + most / SLOWEST_BYTES_PER_S)
+            return self._receive_data(most, into, deadline + data_s(most, into))
         if kind is not PacketType.RESPONSE or not 6 <= length <= 26 or (length - 6) % 4:
             raise ProtocolError(f"The camera answers with a PTP/IP packet {kind.name} of {length}")
         payload = self._commands.read(length, deadline)

@@ -137,7 +137,7 @@ class Session:
         """Close the session and the transport, also where the camera is gone."""
         try:
             if self._cut:  # the next caller would take the rest of its answer for his own
-                self.transport.start_afresh()
+                self._open &= self.transport.start_afresh()
             if self._open:
                 self._open = False
                 self._once(Operation.CLOSE_SESSION, ())

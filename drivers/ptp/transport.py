@@ -31,20 +31,29 @@ class Transport(ABC):
         """Take the next data or response container.
 
         most: bytes of data that there can be. into: where data are put if they fit, the payload is
-        then a part of it. Raises ProtocolError for malformed bytes, CameraTimeoutError where
-        nothing comes.
+        then a part of it; it is as large as what was asked for. Raises ProtocolError for malformed
+        bytes, CameraTimeoutError where nothing comes.
         """
 
     @abstractmethod
     def receive_event(self, timeout_s: float) -> Container | None:
         """Take the next event, waiting at most timeout_s seconds; None if there is none."""
 
-    def start_afresh(self) -> None:  # noqa: B027  a connection that ends with its caller is fresh
-        """Throw away what is still on the way of a transaction that was cut off."""
+    def start_afresh(self) -> bool:
+        """Throw away what is still on the way of a transaction that was cut off, before closing.
+
+        Whether the session must then be closed; false where it ends with the connection.
+        """
+        return False
 
     @abstractmethod
     def close(self) -> None:
         """Let go of the connection. Closing twice is fine."""
+
+
+def data_s(most: int, into: memoryview | None) -> float:
+    """How long data may take beyond their answer, in seconds: by what was asked for, if told."""
+    return (most if into is None else len(into)) / SLOWEST_BYTES_PER_S
 
 
 def put(payload: Bytes, into: memoryview | None) -> Bytes:

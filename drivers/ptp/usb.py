@@ -34,7 +34,7 @@ from drivers.ptp import containers
 from drivers.ptp.camera import open_awake
 from drivers.ptp.codes import ContainerType
 from drivers.ptp.containers import Container
-from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport, put
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport, data_s, put
 
 _ANY = "ptp+usb://"  # the address of the only camera on USB
 _CLASS = (6, 1, 1)  # still image, capture, PTP
@@ -48,6 +48,7 @@ _HEADER_BYTES = 12
 _LONGEST_EVENT = _HEADER_BYTES + 5 * 4  # with all five parameters
 _SLICE_MS = 500  # the longest look: while libusb looks, Python handles no Ctrl-C
 _EVENT_REST_MS = 100  # for each further packet of an event that has begun
+_CLOSING_S = 1.0  # for an answer of a camera that was brought to rest
 _AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more
 _MOST_READS = 600  # enough for the largest photograph
 
@@ -99,7 +100,7 @@ class UsbTransport(Transport):
             while len(self._received) < _HEADER_BYTES:
                 self._read_more(deadline)
             length = struct.unpack_from("<I", self._received)[0]
-            deadline += most / SLOWEST_BYTES_PER_S
+            deadline += data_s(most, into)
             if length == _ENDLESS:
                 length = self._read_to_the_end(most, deadline)
             if not _HEADER_BYTES <= length <= most + _HEADER_BYTES:
@@ -132,10 +133,24 @@ class UsbTransport(Transport):
             raise usb.core.USBTimeoutError("late", errno=errno.ETIMEDOUT)
         # whatever may take long, silence in the middle of it may not
         wait_ms = max(1, round(1000 * min(left, self._answer_s)))
-        read = partial(self._device.read, self._in.bEndpointAddress, self._block, wait_ms)
-        count: int = self._unstalled(self._in, read)
+        count: int = self._look(self._in, self._block, wait_ms)
         self._received += memoryview(self._block)[:count]
         return count
+
+    def _look(self, endpoint: Any, into: Any, wait_ms: int) -> Any:
+        """Read what comes within wait_ms milliseconds; raises USBTimeoutError where nothing does.
+
+        pyusb gives what had come when a slice ended, so that none of it is lost.
+        """
+        while True:
+            slice_ms = min(wait_ms, _SLICE_MS)
+            read = partial(self._device.read, endpoint.bEndpointAddress, into, slice_ms)
+            try:
+                return self._unstalled(endpoint, read)
+            except usb.core.USBTimeoutError:
+                wait_ms -= slice_ms
+                if wait_ms <= 0:
+                    raise
 
     def _unstalled(self, endpoint: Any, use: Any) -> Any:
         """Use an endpoint; where it has halted, clear that and use it once more."""
@@ -164,17 +179,11 @@ class UsbTransport(Transport):
 
         wait_ms: how long the first packet may take, in milliseconds.
         """
-        address, most = self._events.bEndpointAddress, self._events.wMaxPacketSize
         while len(self._event) < self._event_length():
-            slice_ms = min(wait_ms, _SLICE_MS)
-            read = partial(self._device.read, address, most, slice_ms)
             try:
-                packet = self._unstalled(self._events, read)
+                packet = self._look(self._events, self._events.wMaxPacketSize, wait_ms)
             except usb.core.USBTimeoutError:
-                wait_ms -= slice_ms
-                if wait_ms <= 0:
-                    return False
-                continue
+                return False
             if not packet:
                 return False
             self._event += packet.tobytes()
@@ -188,14 +197,16 @@ class UsbTransport(Transport):
         length: int = struct.unpack_from("<I", self._event)[0]
         return length if length <= _LONGEST_EVENT else 0
 
-    def start_afresh(self) -> None:
-        """Bring the camera to rest and read its pipe empty."""
+    def start_afresh(self) -> bool:
+        """Bring the camera to rest and read its pipe empty; its session outlasts this program."""
+        self._answer_s = min(self._answer_s, _CLOSING_S)
         with self._translated(), contextlib.suppress(usb.core.USBTimeoutError):
             with contextlib.suppress(usb.core.USBError):  # some cameras do not know it
                 self._reset()
             for _ in range(_MOST_READS):
                 self._received.clear()
                 self._read(self._clock.monotonic() + _AT_REST_S)
+        return True
 
     def close(self) -> None:
         """Let go of the interface."""

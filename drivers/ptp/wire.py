@@ -46,8 +46,9 @@ class Reader:
         It ends at its first zero: what a camera leaves behind that is none of it.
         """
         data = self.take(2 * self.uint(1))
+        ends = (at for at in range(0, len(data), 2) if data[at : at + 2] == b"\0\0")
         try:
-            return data.decode("utf-16-le").partition("\0")[0]
+            return data[: next(ends, None)].decode("utf-16-le")
         except UnicodeDecodeError as error:
             raise ProtocolError("A PTP string is not valid UTF-16") from error
 

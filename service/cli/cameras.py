@@ -221,7 +221,11 @@ def _capture(
             taker = opened.info()
             pair = drivers.capture_pair(opened, flash=switch, settings=wanted)
             return opened, taker, pair
-        except (drivers.CameraDisconnectedError, drivers.CameraTimeoutError) as error:
+        except (
+            drivers.CameraDisconnectedError,
+            drivers.CameraTimeoutError,
+            drivers.ProtocolError,
+        ) as error:
             camera.close()
             if not wait_s or not left:
                 raise

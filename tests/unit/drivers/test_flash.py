@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import http.server
 import signal
+import socket
 import ssl
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -286,6 +288,114 @@ def test_a_switch_whose_last_order_is_interrupted_is_told_once_more(
     with pytest.raises(KeyboardInterrupt):
         leave_flash_off(f"{script} {{state}}")
     assert log.read_text() == "off\n"
+
+
+class NameServer:
+    """Looks names up, the first of them only once it is let.
+
+    hangs: how many these are. meanwhile: called then. asked, answered: threads.
+    """
+
+    def __init__(self) -> None:
+        self.hangs = 1000
+        self.answering = threading.Event()
+        self.asked: list[threading.Thread] = []
+        self.answered: list[threading.Thread] = []
+        self.meanwhile: Callable[[], None] = lambda: None
+
+    def look_up(self, host: bytes, port: int, *_: object, **__: object) -> list[tuple[object, ...]]:
+        assert host == b"relay"
+        self.asked.append(threading.current_thread())
+        if len(self.asked) <= self.hangs:
+            self.meanwhile()
+            self.answering.wait(30)
+        self.answered.append(threading.current_thread())
+        return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", ("127.0.0.1", port))]
+
+
+@pytest.fixture
+def name_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[NameServer]:
+    server = NameServer()
+    monkeypatch.setattr("socket.getaddrinfo", server.look_up)
+    yield server
+    server.answering.set()
+    for thread in server.asked:  # each must find its loop closed without an error
+        thread.join()
+    assert len(server.answered) == len(server.asked)
+
+
+def named(url: str) -> str:
+    return url.replace("127.0.0.1", "relay") + "/turn={state}"
+
+
+def test_a_host_is_looked_up(
+    clock: Clock, relay: tuple[str, list[str]], name_server: NameServer
+) -> None:
+    name_server.answering.set()
+    switched(ExternalFlash(named(relay[0]), brightness), clock)
+    assert relay[1] == ["/turn=on", "/turn=off"]
+
+
+def test_a_host_that_nobody_finds_is_an_error(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look_up(*_: object, **__: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr("socket.getaddrinfo", look_up)
+    with pytest.raises(FlashError, match="does not answer: check that it is on, and its URL"):
+        switched(ExternalFlash("http://relay/{state}", brightness), clock)
+
+
+def test_a_look_up_that_takes_too_long_is_left_to_itself(
+    clock: Clock,
+    relay: tuple[str, list[str]],
+    name_server: NameServer,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr("drivers.flash.SWITCH_S", 1.0)
+    with pytest.raises(FlashError, match="does not answer: check that it is on, and its URL"):
+        switched(ExternalFlash(named(relay[0]), brightness), clock)
+    leave_flash_off(named(relay[0]))
+    assert caplog.messages == [
+        "The flash was not switched off after the pair. The switch of the flash does not answer: "
+        "check that it is on, and its URL, and try again."
+    ]
+    assert (len(name_server.asked), name_server.answered) == (2, [])
+    assert all(thread.daemon for thread in name_server.asked)  # the interpreter waits for none
+    name_server.answering.set()
+    for thread in name_server.asked:
+        thread.join()
+    assert relay[1] == []  # nor is an order given late
+
+
+def interrupt(_number: int, _frame: object) -> None:
+    """As service.cli.signals has it."""
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("handler", [signal.default_int_handler, interrupt])
+def test_a_look_up_that_is_interrupted_is_left_to_itself(
+    relay: tuple[str, list[str]],
+    name_server: NameServer,
+    request: pytest.FixtureRequest,
+    handler: Callable[..., None],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    before = signal.signal(signal.SIGINT, handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
+    main = threading.main_thread().ident
+    assert main is not None
+    name_server.hangs = 1
+    name_server.meanwhile = lambda: signal.pthread_kill(main, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        leave_flash_off(named(relay[0]))
+    assert name_server.answered == name_server.asked[1:]
+    assert relay[1] == ["/turn=off"]  # by the order that is given once more
+    gc.collect()
+    assert caplog.messages == []
 
 
 def test_a_pair_is_kept_whose_switch_obeys_no_more(

@@ -203,9 +203,12 @@ def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Gph
     camera.close()
 
 
-def test_an_interrupted_camera_is_given_back(interrupted: GphotoCamera, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_camera_is_given_back(
+    interrupted: GphotoCamera, tmp_path: Path, number: signal.Signals
+) -> None:
     assert interrupted._child is not None
-    os.kill(interrupted._child.pid, signal.SIGINT)  # a terminal's Ctrl-C is for both processes
+    os.kill(interrupted._child.pid, number)  # a terminal or systemd sends it to both processes
     interrupted.close()
     assert (tmp_path / "given_back").exists()
 

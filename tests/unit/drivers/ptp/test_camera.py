@@ -386,6 +386,40 @@ def test_downloads_come_in_chunks(clock: Clock, monkeypatch: pytest.MonkeyPatch)
     assert b"".join(chunks) == whole
 
 
+def test_chunks_are_smaller_after_one_that_took_long(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    takes_s = iter([0, 0, 3, 1, 3, 3])
+
+    def slow(data: bytes) -> bytes:
+        clock.sleep(next(takes_s, 0))
+        return data
+
+    camera = photographed(clock, {Operation.GET_PARTIAL_OBJECT: slow})
+    monkeypatch.setattr("drivers.ptp.camera.CHUNK_BYTES", 100)
+    chunks = [len(chunk) for chunk in camera.download(2)]
+    assert chunks[:8] == [100, 200, 400, 200, 200, 100, 100, 200]
+
+
+@pytest.mark.parametrize("room", [None, True])
+def test_a_chunk_has_room_for_what_is_asked_for(
+    clock: Clock, room: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By which the time that it may take is known."""
+    camera = photographed(clock)
+    size, rooms = camera.describe(2).size, list[tuple[int, int]]()
+    receive = camera._session.transport.receive
+
+    def noting(most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
+        if into is not None:
+            rooms.append((most, len(into)))
+        return receive(most, into)
+
+    monkeypatch.setattr(camera._session.transport, "receive", noting)
+    list(camera.download(2, into=memoryview(bytearray(size)) if room else None))
+    assert rooms == [(2 << 20, size)]
+
+
 @pytest.mark.parametrize("tamper", [lambda _: b"", lambda data: data + b"!"])
 def test_chunks_of_a_wrong_length_are_refused(clock: Clock, tamper: Tamper) -> None:
     camera = photographed(clock, {Operation.GET_PARTIAL_OBJECT: tamper})

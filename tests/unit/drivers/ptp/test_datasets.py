@@ -43,6 +43,9 @@ def test_a_string_that_ends_too_early_is_refused(raw: bytes) -> None:
 
 def test_a_string_ends_at_its_first_zero() -> None:
     assert Reader(b"\x05A\0B\0\0\0x\0y\0").string() == "AB"
+    assert Reader(b"\x04A\0\0\0\x00\xd8\0\0").string() == "A"  # behind it half a character
+    assert Reader(b"\x04\x00\x01\x01\0\0\0B\0").string() == "\u0100\u0001"
+    assert Reader(b"\x02A\0B\0").string() == "AB"
 
 
 def test_a_string_of_broken_surrogates_is_refused() -> None:

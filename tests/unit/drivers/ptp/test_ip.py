@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import socket
 import struct
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
+from drivers.clock import Clock
 from drivers.errors import (
     BadAddressError,
     CameraBusyError,
@@ -20,7 +23,8 @@ from drivers.errors import (
 from drivers.ptp.codes import ContainerType, Operation
 from drivers.ptp.containers import Container
 from drivers.ptp.ip import IpTransport, check_address, parse
-from drivers.ptp.ip_packets import Greeting, PacketType, encode_packet
+from drivers.ptp.ip_packets import Greeting, PacketStream, PacketType, encode_packet
+from drivers.ptp.session import Session
 
 ACK = encode_packet(
     PacketType.INIT_COMMAND_ACK, b"\x07\0\0\0", Greeting(b"g" * 16, "Camera").encode()
@@ -308,6 +312,52 @@ def test_silence_is_cancelled_and_probed() -> None:
     assert told == encode_packet(PacketType.CANCEL, b"\5\0\0\0") + encode_packet(
         PacketType.PROBE_REQUEST
     )
+
+
+def test_a_camera_that_gave_no_answer_is_asked_for_none_when_it_is_let_go(clock: Clock) -> None:
+    """Nor waited for once more: hanging up ends its session."""
+    opened = encode_packet(PacketType.RESPONSE, struct.pack("<HI", 0x2001, 0))
+    transport, peer = meeting(opened, answer_s=0.4)
+    peer.told(0)
+    session = Session(transport, clock)
+    session.open()
+    with pytest.raises(CameraTimeoutError):
+        session.request(Operation.GET_STORAGE_IDS)
+    session.close()
+    told = b""
+    while more := peer.told(0):
+        told += more
+    peer.close()
+    codes = Operation.OPEN_SESSION, Operation.GET_STORAGE_IDS
+    expected = (
+        struct.pack("<IIIHII", 22, 6, 1, codes[0], 0, 1),
+        struct.pack("<IIIHI", 18, 6, 1, codes[1], 1),
+    )
+    assert told == b"".join(expected)
+
+
+@pytest.mark.parametrize("untold", [False, True])
+@pytest.mark.parametrize(("room", "data_s"), [(100_000, 2), (None, 4)])
+def test_data_have_time_by_what_was_asked_for(
+    untold: bool, room: int | None, data_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deadlines, read_into = set[float](), PacketStream.read_into
+
+    def noting(stream: PacketStream, view: memoryview, deadline: float) -> None:
+        deadlines.add(deadline)
+        read_into(stream, view, math.inf)
+
+    start = UNTOLD if untold else START
+    end = encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"photograph")
+    transport, peer = meeting(start + end)
+    transport.send(COMMAND)
+    monkeypatch.setattr(PacketStream, "read_into", noting)
+    monkeypatch.setattr("drivers.ptp.ip.time", SimpleNamespace(monotonic=lambda: 1000.0))
+    into = None if room is None else memoryview(bytearray(room))
+    assert bytes(transport.receive(200_000, into).payload) == b"photograph"
+    transport.close()
+    peer.close()
+    assert deadlines == {1010, 1010 + data_s}  # of its answer and of the rest
 
 
 @pytest.mark.parametrize(

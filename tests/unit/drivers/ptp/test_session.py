@@ -25,7 +25,12 @@ RESPONSE, DATA = ContainerType.RESPONSE, ContainerType.DATA
 
 
 class Script(Transport):
-    """Answers with what it was given, whatever is asked."""
+    """Answers with what it was given, whatever is asked.
+
+    outlasted: whether its sessions outlast it.
+    """
+
+    outlasted = True
 
     def __init__(self, *answers: Container) -> None:
         self.answers = deque(answers)
@@ -44,8 +49,9 @@ class Script(Transport):
     def receive_event(self, timeout_s: float) -> Container | None:
         raise AssertionError(timeout_s)
 
-    def start_afresh(self) -> None:
+    def start_afresh(self) -> bool:
         self.afresh.append(len(self.sent))
+        return self.outlasted
 
     def close(self) -> None:
         self.closed += 1
@@ -249,3 +255,15 @@ def test_what_a_cut_transaction_left_is_thrown_away_before_the_session_is_closed
     session.close()
     assert [container.code for container in script.sent] == [0x1002, 0x1004, 0x1003]
     assert script.afresh == [2]
+
+
+def test_after_a_cut_transaction_nothing_is_asked_where_hanging_up_ends_the_session(
+    clock: Clock,
+) -> None:
+    session, script = opened(clock)
+    script.outlasted = False
+    with pytest.raises(CameraDisconnectedError):
+        session.request(Operation.GET_STORAGE_IDS)
+    session.close()
+    assert [container.code for container in script.sent] == [0x1002, 0x1004]
+    assert (script.afresh, script.closed) == ([2], 1)

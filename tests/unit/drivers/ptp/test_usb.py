@@ -24,6 +24,7 @@ from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera, open_awake
 from drivers.ptp.codes import ContainerType, Operation
 from drivers.ptp.containers import Container
+from drivers.ptp.session import Session
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.body import Body
 from drivers.sim.usb_bus import SimulatedBus
@@ -235,6 +236,80 @@ def test_silence_ends_at_the_deadline(clock: Clock, sent: tuple[bytes, ...]) -> 
         transport.receive(1 << 24)
     assert bus.requests[-1] == 0x64  # to be cancelled
     assert clock.monotonic() == pytest.approx(10, abs=0.1)
+
+
+class DrippingBus(ScriptedBus):
+    """Sends a container of 1 MiB in pieces, at this speed; looked: how long for each, in ms."""
+
+    def __init__(self, clock: Clock, bytes_per_s: float) -> None:
+        raw = Container(ContainerType.DATA, 0x101B, 0, bytes(1 << 20)).encode()
+        pieces = [raw[at : at + 16384] for at in range(0, len(raw), 16384)]
+        super().__init__(clock, *pieces)
+        self.bytes_per_s = bytes_per_s
+
+    def bulk_read(self, *how: Any) -> int:
+        count = super().bulk_read(*how)
+        self._clock.sleep(count / self.bytes_per_s)
+        return count
+
+
+@pytest.mark.parametrize("room", [None, 1 << 20])
+def test_data_have_time_by_what_was_asked_for(clock: Clock, room: int | None) -> None:
+    """And not by how much more may come: 10 s, and 50 kB/s."""
+    into = None if room is None else memoryview(bytearray(room))
+    most = (room or 1 << 19) * 2
+    answer = asked(DrippingBus(clock, 36_000), clock).receive(most, into)
+    assert len(answer.payload) == 1 << 20
+    with pytest.raises(CameraTimeoutError):
+        asked(DrippingBus(clock, 32_000), clock).receive(most, into)
+
+
+class SilentBus(ScriptedBus):
+    """Notes how long is looked for what comes, in milliseconds."""
+
+    def __init__(self, clock: Clock, *transfers: bytes) -> None:
+        super().__init__(clock, *transfers)
+        self.looks: list[int] = []
+
+    def bulk_read(self, handle: Any, ep: int, intf: int, buffer: Any, timeout: int) -> int:
+        self.looks.append(timeout)
+        return super().bulk_read(handle, ep, intf, buffer, timeout)
+
+
+def test_a_long_wait_for_an_answer_is_of_short_looks(clock: Clock) -> None:
+    """While libusb looks, Python handles no Ctrl-C."""
+    bus = SilentBus(clock)
+    with pytest.raises(CameraTimeoutError, match="no answer for 10 s"):
+        asked(bus, clock).receive()
+    assert bus.looks == [500] * 20
+
+
+def test_an_answer_that_comes_late_is_taken(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = SilentBus(clock)
+    transport = asked(bus, clock)
+    sleep = clock.sleep
+
+    def answer_at_last(seconds: float) -> None:
+        sleep(seconds)
+        if clock.monotonic() >= 9:
+            bus._answers.append(OK)
+
+    monkeypatch.setattr(clock, "sleep", answer_at_last)
+    assert transport.receive().code == 0x2001
+    assert bus.looks == [500] * 19
+
+
+def test_a_silent_camera_has_a_second_to_close_its_session(clock: Clock) -> None:
+    bus = SilentBus(clock, OK)
+    session = Session(driver.connect("", bus, clock), clock)
+    session.open()
+    bus.transfers = ()
+    with pytest.raises(CameraTimeoutError):
+        session.request(Operation.GET_STORAGE_IDS)
+    bus.looks.clear()
+    session.close()
+    assert bus.written[-1][6:8] == b"\x03\x10"
+    assert bus.looks == [100, 500, 500]  # for what is in the pipe, and for the answer
 
 
 def test_a_stall_is_cleared_once(clock: Clock) -> None:

@@ -278,6 +278,53 @@ def test_a_camera_that_answers_nothing_is_waited_for_once(
     assert waits == [60]
 
 
+@pytest.fixture
+def strange(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many more pairs are broken by an answer that is not valid."""
+    left, capture_pair = [0], drivers.capture_pair
+
+    def garbled(camera: drivers.Camera, **how: Any) -> drivers.CapturedPair:
+        if left[0]:
+            left[0] -= 1
+            raise drivers.ProtocolError("The camera answers nonsense")
+        return capture_pair(camera, **how)
+
+    monkeypatch.setattr(drivers, "capture_pair", garbled)
+    return left
+
+
+STRANGE = (
+    "The camera answers nonsense: switch the camera off and on, connect it anew and try again."
+)
+
+
+def test_with_a_wait_a_pair_with_a_strange_answer_is_taken_anew(
+    out: Path, strange: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    strange[0] = 2
+    assert capture(CAMERA, "-o", str(out), "--wait", "60") == 0
+    assert len(shots(out)) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said == [f"{STRANGE} The whole pair is taken anew."] * 2
+
+
+def test_after_three_pairs_with_strange_answers_the_camera_is_given_up(
+    out: Path, strange: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    strange[0] = 4
+    assert capture(CAMERA, "-o", str(out), "--wait", "60") == 1
+    assert capsys.readouterr().err.splitlines()[-1] == STRANGE
+    assert strange == [1]
+    assert not out.exists()
+
+
+def test_without_a_wait_a_strange_answer_ends_the_command(
+    out: Path, strange: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    strange[0] = 1
+    assert refused(capsys, "capture", CAMERA, "-o", str(out), code=1) == f"{STRANGE}\n"
+
+
 class TestUnplugged:
     """A USB camera whose cable comes out in the middle of a transfer."""
 
