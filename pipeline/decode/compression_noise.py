@@ -16,6 +16,7 @@ BLOCK = 8
 """Side in pixels of the blocks that JPEG compresses."""
 
 _BINS = 12  # of brightness, through whose points the line is laid
+_CLIPPED = 0.99  # code 254: nothing changes what is white already
 _UNEVEN = 1.5  # edges and texture, which lamps are read off, change more than the mean
 
 
@@ -32,6 +33,9 @@ def compression_noise(before: Image, after: Image, repeated: tuple[float, float,
     squares = np.square(change)
     blocks = width // BLOCK, height // BLOCK
     levels, variances = (area_means(image, blocks).reshape(-1, 3) for image in (light, squares))
+    known = light.reshape(blocks[1], BLOCK, blocks[0], -1).max(axis=(1, 3)).ravel() < _CLIPPED
+    if np.count_nonzero(known) >= _BINS:
+        levels, variances = levels[known], variances[known]
     lines = []
     for channel in range(3):
         of_bins = np.array_split(np.argsort(levels[:, channel], kind="stable"), _BINS)

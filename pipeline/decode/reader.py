@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from pipeline.colour.icc import adobe_rgb_profile
 from pipeline.decode.compression_noise import compression_noise
 from pipeline.decode.exr import exr_place, exr_size, read_exr
@@ -125,6 +127,9 @@ def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) ->
     """A file of any other kind; encoding, orientation: as decode is asked for them."""
     metadata = read_metadata(data)
     samples = _samples(data, kind, metadata, orientation)
+    if samples.empty is not None:  # what lies below is no part of the photograph
+        below = np.where(samples.empty[..., None], samples.values.dtype.type(0), samples.values)
+        samples = replace(samples, values=below)
     curved = encoding == "auto" and _curved(samples)
     straight = encoding == "auto" and _straight(samples)
     if encoding == "auto" and kind != "HEIF" and not (curved or straight):

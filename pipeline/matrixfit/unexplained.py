@@ -36,9 +36,15 @@ def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> fl
 
 
 def left_over(reduced: ReducedPair, matrices: Array) -> float:
-    """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own."""
-    left, light = _left_of_pixels(reduced, matrices)
-    variance = _total(reduced.no_flash_variance[reduced.usable])
+    """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own.
+
+    That is the photograph's, or what the lamps make of a weak flash part's, if it is more.
+    """
+    left, light, share = _left_of_pixels(reduced, matrices)
+    own = _total(reduced.no_flash_variance[reduced.usable])
+    # each lamp follows the noise of one of three channels
+    leaves = (3 - len(matrices)) / 3 * _total(_noise_left(reduced, matrices, share))
+    variance = np.maximum(own, leaves)
     relative = [np.asarray(one / light, np.float32) for one in (np.sqrt(variance), left)]
     noise, whole = (weighted_quantile(one, light, _QUANTILE) for one in relative)
     return float(np.sqrt(max(whole**2 - noise**2, 0.0)))
@@ -46,7 +52,7 @@ def left_over(reduced: ReducedPair, matrices: Array) -> float:
 
 def mean_left_over(reduced: ReducedPair, matrices: Array) -> float:
     """Share of all light that lamps (N, 3, 3) leave unexplained, noise included."""
-    left, light = _left_of_pixels(reduced, matrices)
+    left, light, _ = _left_of_pixels(reduced, matrices)
     return float(left.sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
@@ -71,6 +77,7 @@ def share_beside(reduced: ReducedPair, matrices: Array) -> float:
     )
     variance = _total(np.square(normal * weights) * reduced.no_flash_variance[usable])
     variance += _total(np.square(by_flash) * reduced.flash_variance[usable])
+    variance -= 2 * _total(normal * weights * by_flash * reduced.covariance[usable])
     beside = np.abs(_total(normal * seen))
     surely = beside > np.maximum(_BESIDE * np.linalg.norm(seen, axis=1), 3.0 * np.sqrt(variance))
     light = _total(no_flash)
@@ -119,15 +126,28 @@ def share_outside(pixels: Data, matrices: Array) -> float:
 
 def _left_of_pixels(
     reduced: ReducedPair, matrices: Array
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, and all of it."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, all, and shares."""
     no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
     weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
     seen, weighed = no_flash * weights, weights[:, None] * matrices.astype(np.float32)
     left, predicted = seen.copy(), np.maximum(flash @ weighed.transpose(0, 2, 1), 0.0)
-    for share, given in zip(shares(seen, predicted), predicted, strict=True):
+    found = shares(seen, predicted)
+    for share, given in zip(found, predicted, strict=True):
         left -= share[:, None] * given
-    return np.abs(left) @ (1.0 / weights), _total(no_flash)
+    return np.abs(left) @ (1.0 / weights), _total(no_flash), found
+
+
+def _noise_left(
+    reduced: ReducedPair, matrices: Array, share: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Variance (n, 3) of the usable pixels' light less what lamps give in these shares (N, n)."""
+    usable = reduced.usable
+    mixed = np.tensordot(share, matrices.astype(np.float32), axes=(0, 0))
+    of_flash = (np.square(mixed) @ reduced.flash_variance[usable][..., None])[..., 0]
+    own_channel = np.diagonal(mixed, axis1=1, axis2=2)
+    both = own_channel * reduced.covariance[usable]
+    return np.asarray(reduced.no_flash_variance[usable] + of_flash - 2 * both, np.float32)
 
 
 def _total(light: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.images.area_means import area_means
-from pipeline.images.frames import Image, Photograph
+from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.noise import GRAIN_SCALES, Noise, line_through
 from pipeline.images.quantiles import quantile
 from pipeline.images.tiles import TILE_ROWS, tiles
@@ -39,13 +39,17 @@ _LESS = 0.5  # of its own; few independent pixels, as compression leaves, explai
 _LEAST = 0.04  # of its own: no lamp is just a matrix of all colours of a texture
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
+_BESIDE = 4  # pixels around unusable ones that demosaicing and denoising have drawn into them
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
 
 
-def estimate_noises(first: Photograph, second: Photograph) -> tuple[Noise, Noise]:
+def estimate_noises(
+    first: Photograph, second: Photograph, unusable: Mask | None = None
+) -> tuple[Noise, Noise]:
     """Estimate the noise of two photographs from flat areas, and from what they do not share.
 
-    first, second: (H, W, 3) linear, of the same things in different light. Second differences
+    first, second: (H, W, 3) linear, of the same things in different light. unusable: (H, W), what
+    tells nothing of noise, like clipped areas, which seem to have none. Second differences
     (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
     other photograph does not explain is less; it counts, but at least as a 25th. Done on the
@@ -61,33 +65,58 @@ def estimate_noises(first: Photograph, second: Photograph) -> tuple[Noise, Noise
         tiles(each, _ENOUGH) if large else np.ascontiguousarray(each[:]) for each in (first, second)
     )
     means, other_means = (_halved(pixels) if scales else pixels for pixels in (one, other))
+    marked = np.zeros((height, width), np.bool_) if unusable is None else unusable
+    marked = tiles(marked, _ENOUGH) if large else marked
+    known = _open_blocks(marked, BLOCK), _open_blocks(marked, 2 * BLOCK)
     own, others = at_once(
-        lambda two: _noise_of(*two, rows, scales),
+        lambda two: _noise_of(*two, known, rows, scales),
         ((one, other, means, other_means), (other, one, other_means, means)),
     )
     return own, others
 
 
+def _open_blocks(marked: Mask, side: int) -> Mask:
+    """Blocks (H // side, W // side) without a marked pixel in or beside them; all if few are."""
+    height, width = (length // side for length in marked.shape)
+    known = np.ones((height, width), np.bool_)
+    if not marked.any():
+        return known
+    kernel = np.ones((2 * _BESIDE + 1, 2 * _BESIDE + 1), np.uint8)
+    near = cv2.dilate(marked.astype(np.uint8), kernel)[: height * side, : width * side]
+    known = ~near.view(np.bool_).reshape(height, side, width, side).any(axis=(1, 3))
+    return known if np.count_nonzero(known) >= _BINS else np.ones_like(known)
+
+
 def _noise_of(
-    pixels: Image, others: Image, means: Image, other_means: Image, rows: int, scales: list[int]
+    pixels: Image,
+    others: Image,
+    means: Image,
+    other_means: Image,
+    known: tuple[Mask, Mask],
+    rows: int,
+    scales: list[int],
 ) -> Noise:
     """The noise of pixels, of which others show the same things.
 
-    means, other_means: of 2×2 pixels of them. rows, scales: as in _grain.
+    means, other_means: of 2×2 pixels of them. known: blocks of both that tell of noise. rows,
+    scales: as in _grain.
     """
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
-    lines = [_line(pixels, others, typical)]
+    lines = [_line(pixels, others, typical, known[0])]
     if scales:
-        lines.append(_line(means, other_means, typical))
+        lines.append(_line(means, other_means, typical, known[1]))
     levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
     loudest = int(np.argmax(levels))
     noise = Noise(*lines[loudest])
-    return Noise(noise.gain, noise.floor, _grain(pixels, means, rows, scales, lines[0], noise))
+    return Noise(
+        noise.gain, noise.floor, _grain(pixels, means, known[0], rows, scales, lines[0], noise)
+    )
 
 
 def _grain(
     pixels: Image,
     means: Image,
+    known: Mask,
     rows: int,
     scales: list[int],
     line: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -95,12 +124,13 @@ def _grain(
 ) -> float:
     """Area over which the noise hangs together, from means of ever more pixels.
 
-    means: of 2×2 pixels. rows: of pixels that hang together. scales: of GRAIN_SCALES.
+    means: of 2×2 pixels. known: blocks of pixels that tell of noise. rows: of pixels that hang
+    together. scales: of GRAIN_SCALES.
     """
     grain = 1.0
     if not scales:
         return grain
-    flat = _flat_blocks(pixels, line)
+    flat = _flat_blocks(pixels, line) & known
     for scale in scales:
         means = means if scale == scales[0] else _halved(means)
         found = scale**2 * _relative_variance(means, flat, rows // scale, scale, noise)
@@ -116,14 +146,19 @@ def _halved(pixels: Image) -> Image:
 
 
 def _line(
-    pixels: Image, others: Image, typical: NDArray[np.floating]
+    pixels: Image, others: Image, typical: NDArray[np.floating], known: Mask
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and floor of each channel; typical: (3,), where two lines are compared."""
+    """Gain and floor of each channel; typical: (3,), where two lines are compared.
+
+    known: blocks that are looked at.
+    """
+    blocks = np.flatnonzero(known)
     means, alone = block_squares(pixels)
     unshared = unshared_squares(pixels, others)
     gains, floors = np.empty((2, 3))
     for c in range(3):
-        bins = [b for b in np.array_split(np.argsort(means[c]), _BINS) if len(b)]
+        order = blocks[np.argsort(means[c][blocks])]
+        bins = [b for b in np.array_split(order, _BINS) if len(b)]
         found = [_fit_line(means[c], bins, squares[c]) for squares in (alone, unshared)]
         levels = [gain * max(typical[c], 0.0) + floor for gain, floor in found]
         gains[c], floors[c] = found[0]
@@ -184,7 +219,7 @@ def _fit_line(
     for _ in range(_ROUNDS):
         limit = _WITHIN**2 * (gain * np.maximum(means, 0.0) + floor)
         counts, totals = squares_within(squares, limit)
-        if counts.sum() / squares.size < _MOST:
+        if counts[order].sum() / (len(order) * squares.shape[1]) < _MOST:
             break
         total, count = (np.add.reduceat(of[order], starts) for of in (totals, counts))
         gain, floor = line_through(brightness, total / np.maximum(count, 1) / _WITHIN_OF_ALL)

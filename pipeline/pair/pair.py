@@ -185,8 +185,8 @@ def _held_against(
     before, after, rendered = no_flash.pixels, laid.pixels, no_flash.encoding == "srgb"
     if ratio.value != 1.0:
         after = _divided(after, ratio.value, after is not flash.pixels)
-    noises = _noises(before, after, no_flash, flash, ratio.value)
     unusable = no_flash.unusable | laid.unusable
+    noises = _noises(before, after, unusable, no_flash, flash, ratio.value)
     if options.flash_only:
         return _Held(after, noises, ratio, unusable)
     progress.report("align", 0.7)
@@ -240,10 +240,15 @@ def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:
 
 
 def _noises(
-    before: Photograph, after: Photograph, no_flash: Frame, flash: Frame, ratio: float
+    before: Photograph,
+    after: Photograph,
+    unusable: Mask,
+    no_flash: Frame,
+    flash: Frame,
+    ratio: float,
 ) -> tuple[Noise, Noise]:
     """The noise of both frames' pixels, the flash frame's laid elsewhere and divided by a ratio."""
-    first, second = estimate_noises(before, after)
+    first, second = estimate_noises(before, after, unusable)
     if no_flash.compression is not None:
         first = first.plus(no_flash.compression)
     if flash.compression is not None:

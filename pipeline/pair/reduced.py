@@ -40,6 +40,7 @@ class ReducedPair:
     dropped: (width, height) of what is left over of the pair after whole blocks, in pixels.
     offset: standard deviation, in blocks, of what the flash part lies beside the other photograph;
     0 where it was not laid on it.
+    flash_only: whether the flash part was given alone, and is no difference of photographs.
     """
 
     no_flash: Image
@@ -51,6 +52,12 @@ class ReducedPair:
     rendered: bool
     dropped: tuple[int, int] = (0, 0)
     offset: float = 0.0
+    flash_only: bool = False
+
+    @property
+    def covariance(self) -> Image:
+        """Of both kinds of means, (h, w, 3): a difference lacks what noise adds to no_flash."""
+        return np.zeros_like(self.no_flash_variance) if self.flash_only else -self.no_flash_variance
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -104,6 +111,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         pair.rendered,
         (width - blocks.crop[0], height - blocks.crop[1]),
         pair.registration_px / block,
+        pair.flash_only,
     )
 
 

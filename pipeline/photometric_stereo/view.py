@@ -34,6 +34,7 @@ class View:
     light: Array
     flash_variance: Array
     light_variance: Array
+    covariance: Array
 
     def scene(
         self, directions: Array, priors: tuple[ResponsePrior, ...], materials: Materials
@@ -44,6 +45,7 @@ class View:
         # light − gain · flash: an error of the flash part counts by the lamps' brightness beside it
         gain = np.clip(light / flash, 0, _MOST_GAIN)
         variance = self.light_variance[self.mask] + gain**2 * self.flash_variance[self.mask]
+        variance -= 2 * gain * self.covariance[self.mask]
         return Scene(grid, directions, flash, light, variance, priors, materials)
 
     def materials(self) -> Materials:
@@ -84,4 +86,5 @@ def make_view(reduced: ReducedPair, focal_px: float, most: int) -> View:
         # noise that was filtered hangs together
         flash_variance=of_usable(reduced.flash_variance) / step,
         light_variance=of_usable(reduced.no_flash_variance) / step,
+        covariance=of_usable(reduced.covariance) / step,
     )

@@ -116,7 +116,7 @@ def make_manifest(
         "exposure_ratio": round(pair.exposure_ratio, 6),
         "exposure_source": pair.exposure_source,
         "alignment": {
-            "applied": alignment.applied,
+            "applied": alignment.applied or pair.parallax > 0,
             "matrix": [[round(float(v), 9) for v in row] for row in alignment.matrix],
             "correlation": None if correlation is None else round(correlation, 4),
             "parallax": round(pair.parallax, 4),

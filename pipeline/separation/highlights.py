@@ -359,8 +359,10 @@ def _deal_out(
                     elif kind == 1:
                         other += b * np.float32(lamps.colours[1][k])
                     else:
-                        light = max(light - b * s0 * np.float32(lamps.colours[0][k]), zero)
-                        other = max(other - b * s1 * np.float32(lamps.colours[1][k]), zero)
+                        light -= b * s0 * np.float32(lamps.colours[0][k])
+                        other -= b * s1 * np.float32(lamps.colours[1][k])
+                    # by a matrix a coloured lamp may give a white card less than nothing
+                    light, other = max(light, zero), max(other, zero)
                     total = light + other
                     change = light / total - matt[k] if total > 0 else zero
                     own[k][y, x] += weight * change

@@ -87,6 +87,7 @@ def separate(
         return
     surroundings = Surroundings(reduced, lamps)
     highlights = find_highlights(reduced, lamps, model.flash_white)
+    as_bright = _as_bright(reduced) if pair.flash_only else None
     for rows, wide, inner, (no_flash, flash) in ahead(_filtered(pair, options.quality, strips)):
         if not pair.flash_only:
             flash = flash - no_flash
@@ -95,8 +96,9 @@ def separate(
         if pair.registration_px > 0:
             flash = placing.place_flash(no_flash, flash, placed, confidence)
         proportions = model_proportions(no_flash, flash, lamps)
+        in_guide = flash if as_bright is None else flash * as_bright
         smooth = smoothing.smooth_proportions(
-            proportions, no_flash, flash, confidence * placed, uncertainty, inner
+            proportions, no_flash, in_guide, confidence * placed, uncertainty, inner
         )
         trust = confidence[inner]
         if pair.registration_px > 0:
@@ -120,6 +122,12 @@ def separate(
             channels_first(layers),
         )
         yield Strip(rows, layers, no_flash, flash, confidence)
+
+
+def _as_bright(reduced: ReducedPair) -> np.float32:
+    """By what to multiply a flash part in any units, so that it is as bright as the lamps."""
+    light, part = (one[reduced.usable].sum(axis=1) for one in (reduced.no_flash, reduced.flash))
+    return np.float32(np.median(light / part)) if len(part) else np.float32(1.0)
 
 
 def _published(pair: Pair, lamps: Lamps, model: Model, strips: Iterator[slice]) -> Iterator[Strip]:

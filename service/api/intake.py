@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, AnyStr
 
 from fastapi import Request
 from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
@@ -53,7 +53,6 @@ _TEXTS = ("options", "handling")
 _NUL = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 """In JSON. PostgreSQL keeps it, and finds no other row any more once it has to read it."""
 
-T = TypeVar("T")
 AnyOptions = Options | FlashCalibration | CameraCalibration | LampsCalibration
 
 
@@ -113,13 +112,15 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
     Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
     """
     body = await _json_body(request, limit, "what the rerun is to do", may_be_empty=True)
-    return _validated(RerunRequest.model_validate_json, body)
+    with in_words():
+        return RerunRequest.model_validate_json(_kept(body), strict=True)
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     """Read a request to mix the layers of a job; raises what `read` raises."""
     body = await _json_body(request, limit, "the settings of the lamps")
-    wanted = _validated(MixJob.model_validate_json, body)
+    with in_words():
+        wanted = MixJob.model_validate_json(_kept(body), strict=True)
     mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
     options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
     return Intake(options, handling_of(wanted), Path())
@@ -133,13 +134,15 @@ async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, di
     """
     body = await _json_body(request, limit, "what the camera is to do", may_be_empty=True)
     _, body, named = await run_in_threadpool(_json, body)
-    return _validated(CameraCapture.model_validate_json, body), named
+    with in_words():
+        return CameraCapture.model_validate_json(_kept(body), strict=True), named
 
 
 async def read_settings(request: Request, limit: int) -> CaptureSettings:
     """Read which settings of a camera to write. Raises what `read_rerun` raises."""
     body = await _json_body(request, limit, "the settings of the camera")
-    return _validated(SettingsRequest.model_validate_json, body).root
+    with in_words():
+        return SettingsRequest.model_validate_json(_kept(body), strict=True).root
 
 
 async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
@@ -209,7 +212,8 @@ def _captured(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    wanted = _validated(model.model_validate_json, body)
+    with in_words():
+        wanted = model.model_validate_json(_kept(body), strict=True)
     drivers.check_address(wanted.capture.camera)
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
@@ -248,7 +252,8 @@ def _uploaded(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    wanted = _validated(model.model_validate_json, body)
+    with in_words():
+        wanted = model.model_validate_json(_kept(body), strict=True)
     ids = wanted.uploads.model_dump()
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
@@ -273,9 +278,11 @@ def _calibration_pair(form: Form, directory: Path) -> Intake:
 
 def _sent(form: Form, text: str, options_of: Callable[..., AnyOptions], directory: Path) -> Intake:
     text, named = _taken_out(text)
-    handled = form.texts.get("handling", "{}")
-    handling = _validated(Handling.model_validate_json, handled, "handling")
-    options = _validated(options_of, text, "options")
+    with in_words("handling"):
+        handled = _kept(form.texts.get("handling", "{}"))
+        handling = Handling.model_validate_json(handled, strict=True)
+    with in_words("options"):
+        options = options_of(_kept(text), strict=True)
     return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
 
 
@@ -287,12 +294,8 @@ def _taken_out(text: str) -> tuple[str, dict[str, Any]]:
         return text, {}  # what is wrong with it is told where it is read
 
 
-def _validated(read: Callable[..., T], text: bytes | str, whole: str = "") -> T:
-    """Read JSON, as it is kept then; whole: what it is, to be named where all of it is wrong.
-
-    Raises OptionError.
-    """
+def _kept(text: AnyStr) -> AnyStr:
+    """Give JSON as it is, if all databases can keep it. Raises OptionError."""
     if _NUL.search(text if isinstance(text, str) else text.decode(errors="replace")):
         raise OptionError("A text holds a NUL (\\u0000), which cannot be kept: leave it out.")
-    with in_words(whole):
-        return read(text, strict=True)
+    return text

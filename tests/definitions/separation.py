@@ -44,10 +44,14 @@ def separate(
     if pair.registration_px > 0:
         flash = place_flash(no_flash, flash, placed, confidence)
     proportions = model_proportions(no_flash, flash, lamps)
+    scale = 1.0
+    if pair.flash_only:  # whose units are anybody's
+        light, part = (one[reduced.usable].sum(axis=1) for one in (reduced.no_flash, reduced.flash))
+        scale = float(np.median(light / part))
     parts = smooth_proportions(
         proportions,
         no_flash,
-        flash,
+        flash * np.float32(scale),
         (confidence * placed).astype(np.float32),
         uncertainty.astype(np.float32),
         slice(None),

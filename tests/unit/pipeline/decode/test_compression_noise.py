@@ -65,3 +65,17 @@ def test_nothing_changed_is_no_noise() -> None:
 
     assert (found.variance(np.full(3, 0.5)) < 1e-9).all()
     assert found.grain == 1
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
+def test_what_is_white_has_no_part_in_it(share: float) -> None:
+    light, change = wedge(), np.float32(0.01) * drawn(0)
+    whole = compression_noise(light, light + change, ALL)
+    white = np.s_[: round(share * 256)]
+    light[white], change[white] = 1.0, 0.0
+
+    found = compression_noise(light, light + change, ALL)
+
+    for level in (0.1, 0.4, 0.7):
+        colour = np.full(3, level)
+        np.testing.assert_allclose(found.variance(colour) / whole.variance(colour), 1, rtol=0.1)

@@ -66,6 +66,7 @@ def test_what_is_transparent_is_empty_in_any_kind_and_depth(
         np.testing.assert_array_equal(frame.empty, corner)
         np.testing.assert_array_equal(frame.unusable, corner | frame.saturated)
         assert not frame.saturated[:24, :32].any()
+        assert (frame.pixels[:][corner] == 0).all()  # and not the white that lies below
 
 
 @pytest.mark.parametrize("depth", [8, 10])

@@ -58,11 +58,21 @@ def test_a_tenth_of_the_light_tells(share: float, left: float) -> None:
 @pytest.mark.parametrize(("noise", "left"), [(0.12, 0.16), (0.25, 0.0)])
 def test_noise_is_not_left_over(noise: float, left: float) -> None:
     """Of 0.2 left, noise that is 0.12 of the light leaves √(0.2² − 0.12²)."""
-    variance = (noise * 1.5) ** 2 / 3
+    pair = off_by(0.15, variance=(noise * 1.5) ** 2 / 3)
+    without = replace(pair, flash_variance=np.zeros_like(pair.flash), flash_only=True)
 
-    found = left_over(off_by(0.15, variance=variance), np.eye(3)[None])
+    assert left_over(without, np.eye(3)[None]) == pytest.approx(left, abs=1e-4)
 
-    assert found == pytest.approx(left, abs=1e-4)
+
+@pytest.mark.parametrize("flash_only", [False, True])
+def test_what_lamps_make_of_a_weak_flashs_noise_is_not_left_over(flash_only: bool) -> None:
+    """Lamps ten times the flash: of two thirds of the channels' noise one lamp leaves nothing."""
+    pair = off_by(0.15, variance=1e-4)
+    weak = replace(pair, flash=0.05 * pair.flash, flash_only=flash_only)
+    # the photograph's, a hundred times the flash part's, and twice ten times what both share
+    noise = 2 / 3 * 3 * 1e-4 * (1 + 100 + (0 if flash_only else 20)) / 1.5**2
+
+    assert left_over(weak, np.eye(3)[None]) == pytest.approx(np.sqrt(0.2**2 - noise), abs=1e-4)
 
 
 @pytest.mark.parametrize(("share", "variance"), [(1.0, 0.0), (0.25, 0.0), (0.5, 0.1)])

@@ -231,3 +231,31 @@ def test_both_photographs_are_told_at_once() -> None:
     np.testing.assert_array_equal(second.floor, other_way[0].floor)
     level = np.full(3, 0.3)
     np.testing.assert_allclose(first.variance(level) / second.variance(level), 4.0, rtol=0.15)
+
+
+@pytest.mark.parametrize(("height", "width"), [(256, 256), (1200, 2000)])
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.4])
+def test_clipped_areas_do_not_seem_to_have_no_noise(height: int, width: int, share: float) -> None:
+    """Small pictures, and large ones of which tiles are looked at."""
+    light = wedge(height, width)
+    one, other = noisy(light, 1), noisy(light, 2)
+    clipped = np.zeros((height, width), bool)
+    clipped[: round(share * height)] = True
+    one[clipped] = other[clipped] = 1.0
+
+    found, _ = estimate_noises(one, other, clipped)
+
+    for level in (0.05, 0.2, 0.6):
+        ratio = found.variance(np.full(3, level)) / (GAIN * level + FLOOR)
+        np.testing.assert_allclose(ratio, 1, atol=0.15)
+    assert found.grain == 1
+
+
+def test_where_nearly_all_is_clipped_all_of_it_is_looked_at() -> None:
+    one, other = noisy(wedge(), 1), noisy(wedge(), 2)
+    clipped = np.ones((256, 256), bool)
+    clipped[:32, :32] = False
+
+    found, _ = estimate_noises(one, other, clipped)
+
+    np.testing.assert_array_equal(found.gain, estimate_noises(one, other)[0].gain)

@@ -84,7 +84,14 @@ def test_noise_of_the_flash_counts_by_how_bright_the_lamps_are_beside_it(
 
     np.testing.assert_allclose(scene.light, light)
     np.testing.assert_allclose(scene.flash, 0.2)
-    np.testing.assert_allclose(scene.variance, 1e-6 + gain**2 * 3e-6)
+    # the part is a difference, so that what noise adds to the lamps' light is missing in it
+    np.testing.assert_allclose(scene.variance, 1e-6 + gain**2 * 3e-6 + 2 * gain * 1e-6)
+
+    alone = make_view(replace(pair, flash_only=True), 1000.0, 10**6).scene(
+        np.eye(3), (), view.materials()
+    )
+
+    np.testing.assert_allclose(alone.variance, 1e-6 + gain**2 * 3e-6)
 
 
 def test_materials_are_colours_of_the_flash_and_as_wide_as_its_noise() -> None:

@@ -169,6 +169,15 @@ def test_alignment_is_told_with_its_matrix(manifest_of: Callable[..., dict[str, 
     assert found["alignment"]["correlation"] == 0.8765
 
 
+def test_a_photograph_that_only_parallax_moved_was_moved(
+    manifest_of: Callable[..., dict[str, Any]],
+) -> None:
+    found = manifest_of(pair_with={"parallax": 0.15})
+
+    assert found["alignment"]["applied"] is True
+    assert found["alignment"]["matrix"] == np.eye(3).tolist()
+
+
 def test_normals_are_told_with_their_strengths(
     manifest_of: Callable[..., dict[str, Any]],
 ) -> None:

@@ -21,6 +21,7 @@ from pipeline.separation.separation import separate
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
+from tests.definitions.highlights import deal_out
 from tests.definitions.separation import separate as defined_separate
 
 Array = NDArray[np.float64]
@@ -495,3 +496,27 @@ def test_layers_with_highlights_are_what_they_are_defined_to_be(
 
     np.testing.assert_allclose(layers_by(glossy, 13), layers, atol=1e-5)
     assert np.abs(layers - layers_by(glossy, highlights=False)).max() > 0.01
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_a_lamp_that_a_white_card_would_lack_a_colour_under_is_mirrored_without_it(
+    channel: int, scene: Callable[..., Scene], model: Model
+) -> None:
+    """By the matrix of a strongly coloured lamp the card may give less than nothing."""
+    glossy = scene()
+    lacking = glossy.lamps.matrices.copy()
+    row = lacking[0, channel]
+    row -= (row @ model.flash_white + 0.02) / model.flash_white.sum()
+    found = find_highlights(glossy.reduced, glossy.lamps, model.flash_white)
+    assert found is not None
+    white = lacking[0] @ model.flash_white
+    assert white[channel] < 0
+    found = replace(found, colours=np.stack([white, found.colours[1]]).astype(np.float32))
+    no_flash, flash = glossy.pair.no_flash[:], glossy.pair.flash_part()
+    even = np.full((2, *no_flash.shape), 0.5, np.float32)
+
+    parts = found.deal_out(slice(0, len(no_flash)), no_flash, flash, glossy.lamps, even.copy())
+
+    assert parts.min() >= 0 and parts.max() <= 1
+    defined = deal_out(found, no_flash, flash, glossy.lamps, even)
+    np.testing.assert_allclose(parts, defined, atol=1e-5)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,23 @@ def test_best_is_near_the_truth_in_the_model(
     error = np.square(found.layers - layers).sum() / np.square(layers).sum()
     assert 10 * np.log10(1 / error) > 22
     assert found.confidence.min() > 0.9
+
+
+@pytest.mark.parametrize("times", [0.001, 0.1, 100.0])
+def test_a_flash_part_alone_may_be_in_any_units(
+    exact: Exact,
+    separated: Callable[..., Strip],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    times: float,
+) -> None:
+    pair, _ = exact(warm_to_cool[:2], flash_only=True)
+    noise = pair.flash_noise.divided(1 / times)
+    other = replace(pair, flash=np.float32(times) * pair.flash[:], flash_noise=noise)
+
+    layers, found = (separated(one, lamps_of(warm_to_cool[:2])).layers for one in (pair, other))
+
+    np.testing.assert_allclose(found, layers, atol=2e-4)
 
 
 def test_noise_that_nobody_sees_is_not_averaged(
