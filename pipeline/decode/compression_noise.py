@@ -16,7 +16,7 @@ BLOCK = 8
 """Side in pixels of the blocks that JPEG compresses."""
 
 _BINS = 12  # of brightness, through whose points the line is laid
-_CLIPPED = 0.99  # code 254: nothing changes what is white already
+_CLIPPED = 0.99  # code 254; of what is white all over nothing changes
 _UNEVEN = 1.5  # edges and texture, which lamps are read off, change more than the mean
 
 
@@ -33,12 +33,12 @@ def compression_noise(before: Image, after: Image, repeated: tuple[float, float,
     squares = np.square(change)
     blocks = width // BLOCK, height // BLOCK
     levels, variances = (area_means(image, blocks).reshape(-1, 3) for image in (light, squares))
-    known = light.reshape(blocks[1], BLOCK, blocks[0], -1).max(axis=(1, 3)).ravel() < _CLIPPED
-    if np.count_nonzero(known) >= _BINS:
-        levels, variances = levels[known], variances[known]
+    darkest = light.reshape(blocks[1], BLOCK, blocks[0], BLOCK, 3).min(axis=(1, 3)).reshape(-1, 3)
     lines = []
     for channel in range(3):
-        of_bins = np.array_split(np.argsort(levels[:, channel], kind="stable"), _BINS)
+        order = np.argsort(levels[:, channel], kind="stable")
+        known = order[darkest[order, channel] < _CLIPPED]
+        of_bins = np.array_split(known if len(known) >= _BINS else order, _BINS)
         bins = [one for one in of_bins if len(one)]
         x, y = ([of[one, channel].mean() for one in bins] for of in (levels, variances))
         lines.append(line_through(np.array(x), np.array(y)))

@@ -76,8 +76,9 @@ def tells_its_end(data: bytes) -> bool:
 
 
 def tells_its_frame(data: bytes) -> bool:
-    """Whether a JPEG's header has come as far as its size and how its colours are sampled."""
-    return any(kind in _FRAMES for kind, _, _ in _segments(data))
+    """Whether a JPEG's header is whole: its size, how its colours are sampled, and its scan's."""
+    kinds = [kind for kind, _, _ in _segments(data)]
+    return _START_OF_SCAN in kinds and any(kind in _FRAMES for kind in kinds)
 
 
 def frame(data: bytes) -> tuple[int, int] | None:

@@ -58,8 +58,8 @@ def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
     """(width, height) before EXIF orientation, and that, without unpacking.
 
     Of a DNG they are those of the part that it has shown. LibRaw knows the orientation of files
-    whose EXIF nothing else finds. Raises UnsuitableError for a linear DNG of one channel or in
-    planes, and rawpy's errors.
+    whose EXIF nothing else finds. Raises UnsuitableError for a linear DNG of one channel or four,
+    or in planes, and rawpy's errors.
     """
     channels = linear_raw_channels(data)
     if channels is not None:
@@ -69,7 +69,13 @@ def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
             "is a linear DNG with each colour in a plane of its own, which is not read: save it as "
             "a DNG of whole pixels, or as a TIFF."
         )
-    with rawpy.imread(io.BytesIO(described(data))) as raw:
+    plain = described(data)
+    if channels is not None and channels > 3:
+        raise UnsuitableError(
+            f"is a linear DNG of {channels} channels, which is not read: save it as a DNG of "
+            "three, or as a TIFF."
+        )
+    with rawpy.imread(io.BytesIO(plain)) as raw:
         part = shown_part(raw, data)
         width, height = raw.sizes.iwidth, raw.sizes.iheight
         if part is not None:

@@ -23,6 +23,7 @@ from pipeline.decode.samples import (
     transparent,
 )
 from pipeline.images.frames import Matrix
+from pipeline.images.max_pixels import max_pixels
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 
@@ -93,11 +94,15 @@ def holds_raw(data: bytes) -> bool:
 def tiff_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the first full picture, before orientation.
 
-    Raises UnsuitableError for a grey one, ValueError.
+    Raises UnsuitableError for a grey one, ValueError, also for tiles larger than a picture may be.
     """
     with _opened(data) as file:
         page = _full(file)
         refuse_grey(page.samplesperpixel)
+        if (
+            page.tilewidth * page.tilelength > max_pixels()
+        ):  # of which a small picture may be a part
+            raise ValueError("a tile that is larger than pictures may be")
         return int(page.imagewidth), int(page.imagelength)  # a damaged tag makes them tuples
 
 

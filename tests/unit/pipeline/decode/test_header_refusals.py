@@ -71,6 +71,7 @@ def test_a_jpeg_of_an_unusual_sampling_is_not_called_damaged(
     data = bytearray(pillow_file(codes, "JPEG", subsampling=2))
     data[data.index(b"\xff\xc0") + SOF_SAMPLING] = sampling
     assert "is a JPEG whose colours are sampled in an unusual way" in refusal(bytes(data))
+    assert "is a damaged or incomplete JPEG" in refusal(bytes(data[: data.index(b"\xff\xda")]))
 
 
 def test_an_exr_whose_colours_are_in_another_part_is_refused(tmp_path: Path) -> None:
@@ -129,6 +130,25 @@ def test_a_linear_dng_in_planes_is_refused(codes: Codes, tiff_file: Write) -> No
     data = tiff_file(values, photometric="linear_raw", planarconfig="separate", extratags=tags)
 
     assert "is a linear DNG with each colour in a plane of its own" in refusal(data)
+
+
+def test_a_linear_dng_of_four_channels_is_not_called_damaged(tiff_file: Write) -> None:
+    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Unheard Of One", True)]
+    values = np.full((64, 96, 4), 5000, np.uint16)
+    data = tiff_file(values, photometric="linear_raw", planarconfig="contig", extratags=tags)
+
+    assert "is a linear DNG of 4 channels, which is not read: save it as a DNG of" in refusal(data)
+
+
+def test_a_small_tiff_of_a_tile_that_is_larger_than_pictures_may_be_is_refused(
+    tiff_file: Write, codes: Codes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = tiff_file(codes, tile=(128, 64))  # of which the picture is 48 × 64
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", "8192")
+    assert read_header(data).size == (64, 48)
+
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", "8191")
+    assert "is a damaged or incomplete TIFF" in refusal(data)
 
 
 def test_16_bit_png_of_one_colour_channel_is_grey(codes: Codes) -> None:
