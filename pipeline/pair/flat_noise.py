@@ -78,13 +78,13 @@ def estimate_noises(
 def _open_blocks(marked: Mask, side: int) -> Mask:
     """Blocks (H // side, W // side) without a marked pixel in or beside them; all if few are."""
     height, width = (length // side for length in marked.shape)
-    known = np.ones((height, width), np.bool_)
+    everywhere = np.ones((height, width), np.bool_)
     if not marked.any():
-        return known
+        return everywhere
     kernel = np.ones((2 * _BESIDE + 1, 2 * _BESIDE + 1), np.uint8)
     near = cv2.dilate(marked.astype(np.uint8), kernel)[: height * side, : width * side]
-    known = ~near.view(np.bool_).reshape(height, side, width, side).any(axis=(1, 3))
-    return known if np.count_nonzero(known) >= _BINS else np.ones_like(known)
+    open_ones = near.reshape(height, side, width, side).max(axis=(1, 3)) == 0
+    return open_ones if np.count_nonzero(open_ones) >= _BINS else everywhere
 
 
 def _noise_of(
