@@ -25,6 +25,10 @@ _SAME = 0.004
 """Linear light by which a profile may differ from sRGB and count as sRGB: one code value."""
 _STRAIGHT = 0.02
 """Of white, by which the light of greys may differ from a line; a gamma of 1.1 does by 0.035."""
+_GREYS = 256
+"""Codes whose light is looked at."""
+_DARKEST_MIDDLE = 0.1
+"""Light of the middle code: .21 by sRGB, .16 by a gamma of 2.6, .08 by HLG and .01 by PQ."""
 _ROUNDING = 2e-6
 """Linear light by which tables may differ from the colour management they stand for."""
 _LEAST_AREA = 0.01
@@ -101,16 +105,27 @@ def is_straight(profile: bytes) -> bool:
     return _bend(profile) <= _STRAIGHT
 
 
+def is_hdr(profile: bytes) -> bool:
+    """Whether greys of an RGB profile are as dark as PQ and HLG code them, which go beyond white.
+
+    False for one of no use.
+    """
+    return float(_greys(profile)[_GREYS // 2]) < _DARKEST_MIDDLE
+
+
 def _bend(profile: bytes) -> float:
     """Of white, by which the light of greys differs from a line; NaN for a profile of no use."""
-    grey = np.linspace(0, 65535, 256).astype(np.uint16)
+    return float(np.abs(_greys(profile) - np.linspace(0, 1, _GREYS)).max())
+
+
+def _greys(profile: bytes) -> NDArray[np.float64]:
+    """Light of greys from black to white, 1; NaN for a profile of no use."""
+    codes = np.linspace(0, 65535, _GREYS).astype(np.uint16)
     try:
-        light = profile_to_linear(np.repeat(grey[None, :, None], 3, axis=2), profile)[0, :, 1]
+        light = profile_to_linear(np.repeat(codes[None, :, None], 3, axis=2), profile)[0, :, 1]
     except imagecodecs.CmsError:
-        return math.nan
-    if not light[-1] > 0:
-        return math.nan
-    return float(np.abs(light / light[-1] - grey / 65535).max())
+        return np.full(_GREYS, math.nan)
+    return light / np.float64(light[-1]) if light[-1] > 0 else np.full(_GREYS, math.nan)
 
 
 def to_linear_srgb(profile: bytes, kind: np.dtype[Any]) -> Callable[[NDArray[Any]], Image]:

@@ -17,7 +17,7 @@ from pipeline.decode.exr import exr_place, exr_size, read_exr
 from pipeline.decode.header import Header
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
-from pipeline.decode.profiles import is_curved, is_straight
+from pipeline.decode.profiles import is_curved, is_hdr, is_straight
 from pipeline.decode.raw import raw_header, read_raw
 from pipeline.decode.recompressed import compressed_as_jpeg, recompressed
 from pipeline.decode.rendered import (
@@ -28,7 +28,7 @@ from pipeline.decode.rendered import (
     read_jpeg,
     read_png,
 )
-from pipeline.decode.samples import Samples, UnsuitableError, turns_sides, upright
+from pipeline.decode.samples import HDR, Samples, UnsuitableError, turns_sides, upright
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
@@ -130,6 +130,8 @@ def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) ->
     if samples.empty is not None:  # what lies below is no part of the photograph
         below = np.where(samples.empty[..., None], samples.values.dtype.type(0), samples.values)
         samples = replace(samples, values=below)
+    if encoding == "auto" and samples.profile is not None and is_hdr(samples.profile):
+        raise UnsuitableError(HDR)
     curved = encoding == "auto" and _curved(samples)
     straight = encoding == "auto" and _straight(samples)
     if encoding == "auto" and kind != "HEIF" and not (curved or straight):

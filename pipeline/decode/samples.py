@@ -12,6 +12,10 @@ from pipeline.images.frames import Mask
 
 _PQ, _HLG = 16, 18
 """Transfer characteristics of Rec. ITU-T H.273."""
+HDR = (
+    "is an HDR picture (PQ or HLG), whose values follow no camera's curve: send the RAW file, or "
+    "switch HDR off in the camera."
+)
 CMYK = "is in CMYK, the colours of print: save it in RGB."
 """What UnsuitableError says of such files."""
 
@@ -41,10 +45,7 @@ class Samples:
 def refuse_hdr(transfer: int | None) -> None:
     """Raise UnsuitableError for PQ and HLG, by their transfer characteristics in H.273."""
     if transfer in (_PQ, _HLG):
-        raise UnsuitableError(
-            "is an HDR picture (PQ or HLG), whose values follow no camera's curve: send the RAW "
-            "file, or switch HDR off in the camera."
-        )
+        raise UnsuitableError(HDR)
 
 
 def refuse_grey(channels: int) -> None:

@@ -498,3 +498,23 @@ def test_profiles_that_are_no_curves_and_matrix_go_through_the_colour_management
     light = to_linear_srgb(b"", values.dtype)(values)
 
     np.testing.assert_array_equal(light, by_hand(values, b""))
+
+
+@pytest.mark.parametrize(("gamma", "hdr"), [(2.2, False), (2.6, False), (3.6, True), (6.5, True)])
+def test_a_profile_as_dark_as_those_of_hdr_is_refused(
+    gamma: float,
+    hdr: bool,
+    codes: NDArray[np.uint8],
+    pillow_file: Callable[..., bytes],
+    tiff_file: Callable[..., bytes],
+) -> None:
+    """Gammas of 3.6 and 6.5 code greys about as HLG and PQ do."""
+    profile = matrix_profile("any", P3, gamma)
+    deep = tiff_file(codes.astype(np.uint16) * 257, iccprofile=profile)
+    for data in (pillow_file(codes, "JPEG", icc_profile=profile), deep):
+        assert decode(data, encoding="linear").encoding == "linear"
+        if hdr:
+            with pytest.raises(UnreadableImageError, match="is an HDR picture"):
+                decode(data)
+        else:
+            assert decode(data).encoding == "srgb"
