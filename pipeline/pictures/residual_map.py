@@ -23,6 +23,7 @@ MARKED = 0.1
 LEGEND = 120
 """Height of the legend below the map in pixels."""
 
+_DEVIATIONS = 2.0  # of noise, which a weak flash makes as large as the light
 _WIDTH = 900  # of the picture at least, so that the legend fits
 _MOST_HEIGHT = 2048  # of a map that is enlarged
 _UNUSABLE = (90, 90, 95)
@@ -33,9 +34,10 @@ def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]
     """‖I_nf − Σ_j z_j T_j I_f‖ ÷ ‖I_nf‖ on the reduced pair, (h, w), NaN where it is not usable.
 
     z are the non-negative shares that come nearest, each channel weighed by lamps.channel_weights
-    as when the layers are made. What noise would leave is taken off (the flash part's noise goes
-    through Σ z_j T_j). 0 means that the lamps explain the pixel. Three lamps explain all light
-    between them, so that only light outside of their triangle leaves anything.
+    as when the layers are made. What two standard deviations of noise would leave is taken off (the
+    flash part's noise goes through Σ z_j T_j). 0 means that the lamps explain the pixel. Three
+    lamps explain all light between them, so that only light outside of their triangle leaves
+    anything.
     """
     weights = lamps.channel_weights.astype(np.float32)
     predicted = predictions(reduced.flash, lamps)
@@ -45,7 +47,8 @@ def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]
     variance = reduced.no_flash_variance + np.einsum(
         "hwkl,hwl->hwk", mixed * mixed, reduced.flash_variance
     )
-    squared = (left * left).sum(axis=2) - (variance * weights * weights).sum(axis=2)
+    noise = (variance * weights * weights).sum(axis=2)
+    squared = (left * left).sum(axis=2) - np.float32(_DEVIATIONS**2) * noise
     whole = np.square(reduced.no_flash * weights).sum(axis=2)
     found = np.sqrt(np.maximum(squared, 0.0) / np.maximum(whole, 1e-12))
     return np.where(reduced.usable, found, np.nan).astype(np.float32)

@@ -82,7 +82,7 @@ def test_what_is_not_usable_is_not_a_number(
 def test_noise_is_taken_off(
     two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
 ) -> None:
-    """Noise of 3 % that is known leaves less than half of the pixels anything."""
+    """Noise of 3 % that is known leaves hardly a pixel anything."""
     rng = np.random.default_rng(2)
     sigma = (0.03 * two.no_flash).astype(np.float32)
     noisy = (two.no_flash + sigma * rng.normal(size=sigma.shape)).astype(np.float32)
@@ -92,7 +92,7 @@ def test_noise_is_taken_off(
     untold = relative_residual(replace(two, no_flash=noisy), lamps)
 
     assert np.nanmedian(untold) > 0.005
-    assert np.nanmedian(told) == 0
+    assert np.mean(told > 0) < 0.02
 
 
 def test_noise_of_the_flash_counts_through_the_lamps(
