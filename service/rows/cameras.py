@@ -125,7 +125,7 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     if _is_taken(connection, job.camera) or (other and other.id != job_id):
         return None
     if job.capture.get("flash") == _EXTERNAL:
-        if connection.dialect.name != "sqlite":  # which the row of the camera has locked whole
+        if connection.dialect.name != "sqlite":  # which the row of the camera locks whole
             connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_SWITCH_LOCK)))
         if is_switch_in_use(connection, job_id):
             return None

@@ -28,7 +28,7 @@ from service.api.prefer import WAIT_SECONDS, _wait, preferences
         (["wait=1 0"], {}),
         (['wait="10'], {}),
         (['foo="a, wait=5'], {}),
-        (['wait=5, foo="' + '\\"' * 16000], {"wait": "5"}),  # were each quote tried: a minute
+        (['wait=5, foo="' + '\\"' * 16000], {"wait": "5"}),  # not tried from each quote anew
         (['wait=5, foo="' + '\\"' * 16000 + "\\"], {"wait": "5"}),
         ([",,;,wait=2"], {"wait": "2"}),
     ],
