@@ -221,3 +221,12 @@ def make_database(postgresql: str) -> Iterator[Callable[[], str]]:
 
     yield make
     root.dispose()
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """URL of an empty database of either kind."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'empty.sqlite'}"
+    made: str = request.getfixturevalue("make_database")()
+    return made

@@ -16,15 +16,6 @@ from service.rows import database
 Start = Callable[..., subprocess.Popen[str]]
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """URL of a database with nothing in its queue."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'queue.sqlite'}"
-    made: str = request.getfixturevalue("make_database")()
-    return made
-
-
 @pytest.fixture
 def start(url: str) -> Iterator[Start]:
     """Start a noting_worker of a name, on a host."""

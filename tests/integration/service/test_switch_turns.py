@@ -4,23 +4,11 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-
-import pytest
 
 from service import migrations
 from service.rows import cameras, database, heartbeats, jobs
 
 _CAMERAS = 6
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """URL of an empty database."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'jobs.sqlite'}"
-    made: str = request.getfixturevalue("make_database")()
-    return made
 
 
 def test_of_workers_that_claim_at_once_one_has_the_switch(url: str) -> None:
