@@ -112,6 +112,16 @@ def test_light_that_is_no_mixture_of_two_lamps_is_told(
     assert share_beside(off_by(d, share, deviation**2), two) == pytest.approx(found, abs=0.002)
 
 
+def test_what_noise_both_photographs_share_lies_beside_the_plane_twice() -> None:
+    """Light that lies .14 beside it: three standard deviations are more if noise is shared."""
+    two = np.array([np.diag([1.5, 1.0, 0.5]), np.diag([0.5, 1.0, 1.5])])
+    pair = off_by(0.1, 0.3, 0.024**2)
+    bright = replace(pair, flash=0.5 * pair.flash)
+
+    assert share_beside(replace(bright, flash_only=True), two) == pytest.approx(0.3, abs=0.002)
+    assert share_beside(bright, two) == 0
+
+
 def test_lamps_that_are_alike_have_no_plane_beside_which_light_lies() -> None:
     grey = np.eye(3)
 

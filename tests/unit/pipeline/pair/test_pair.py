@@ -62,6 +62,23 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
     )
 
 
+def test_noise_is_told_beside_what_is_clipped(frames: Callable[..., tuple[Frame, Frame]]) -> None:
+    before, after = frames()
+    for one in (before, after):
+        one.pixels[:20] = 1.0
+        one.saturated[:20] = True
+    level = np.full(3, 0.2)
+
+    pair = paired((before, after), align=False)
+
+    beside, all_of_it = (
+        estimate_noises(before.pixels, after.pixels, unusable)[0].variance(level)
+        for unusable in (before.saturated, None)
+    )
+    np.testing.assert_array_equal(pair.no_flash_noise.variance(level), beside)
+    assert (beside > 1.5 * all_of_it).all()
+
+
 def test_what_compression_changed_is_noise_on_the_common_scale(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:

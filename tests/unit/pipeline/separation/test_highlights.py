@@ -504,19 +504,19 @@ def test_a_lamp_that_a_white_card_would_lack_a_colour_under_is_mirrored_without_
 ) -> None:
     """By the matrix of a strongly coloured lamp the card may give less than nothing."""
     glossy = scene()
-    lacking = glossy.lamps.matrices.copy()
-    row = lacking[0, channel]
-    row -= (row @ model.flash_white + 0.02) / model.flash_white.sum()
     found = find_highlights(glossy.reduced, glossy.lamps, model.flash_white)
     assert found is not None
-    white = lacking[0] @ model.flash_white
-    assert white[channel] < 0
-    found = replace(found, colours=np.stack([white, found.colours[1]]).astype(np.float32))
-    no_flash, flash = glossy.pair.no_flash[:], glossy.pair.flash_part()
+    colours = found.colours.copy()
+    colours[0, channel] = -0.2 * colours[0].max()
+    found = replace(found, colours=colours)
+    bright = 2 * np.maximum(colours[0], 0.0) * glossy.mirrors[0][..., None]
+    no_flash = (glossy.pair.no_flash[:] + bright).astype(np.float32)
+    flash = glossy.pair.flash_part()
     even = np.full((2, *no_flash.shape), 0.5, np.float32)
 
     parts = found.deal_out(slice(0, len(no_flash)), no_flash, flash, glossy.lamps, even.copy())
 
     assert parts.min() >= 0 and parts.max() <= 1
+    assert parts[0, ..., channel].min() == 0
     defined = deal_out(found, no_flash, flash, glossy.lamps, even)
     np.testing.assert_allclose(parts, defined, atol=1e-5)
