@@ -65,6 +65,7 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
 def test_noise_is_told_beside_what_is_clipped(frames: Callable[..., tuple[Frame, Frame]]) -> None:
     before, after = frames()
     for one in (before, after):
+        assert isinstance(one.pixels, np.ndarray)
         one.pixels[:20] = 1.0
         one.saturated[:20] = True
     level = np.full(3, 0.2)
