@@ -75,7 +75,7 @@ def tells_its_end(data: bytes) -> bool:
     return False
 
 
-def tells_its_frame(data: bytes) -> bool:
+def is_whole_header(data: bytes) -> bool:
     """Whether a JPEG's header is whole: its size, how its colours are sampled, and its scan's."""
     kinds = [kind for kind, _, _ in _segments(data)]
     return _START_OF_SCAN in kinds and any(kind in _FRAMES for kind in kinds)

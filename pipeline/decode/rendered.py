@@ -15,10 +15,10 @@ import simplejpeg
 
 from pipeline.decode.heif_parts import is_complete
 from pipeline.decode.jpeg_header import (
+    is_whole_header,
     plain_header,
     refuse_other_processes,
     tells_its_end,
-    tells_its_frame,
 )
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
@@ -60,7 +60,7 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
         height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
     except (ValueError, KeyError) as error:
         unusual = _SAMPLING in str(error) or error.args == _UNNAMED_SAMPLING
-        if not (unusual and tells_its_frame(data)):  # says so, too, where there is none
+        if not (unusual and is_whole_header(data)):  # says so, too, where there is none
             raise
         raise UnsuitableError(
             "is a JPEG whose colours are sampled in an unusual way, which is not read: save it "

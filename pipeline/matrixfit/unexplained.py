@@ -14,7 +14,7 @@ from pipeline.images.quantiles import weighted_quantile
 from pipeline.lamps.shares import shares
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.pair.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair, variance_left
 from pipeline.vectors import cross_2d
 
 Array = NDArray[np.float64]
@@ -43,8 +43,10 @@ def left_over(reduced: ReducedPair, matrices: Array) -> float:
     left, light, share = _left_of_pixels(reduced, matrices)
     own = _total(reduced.no_flash_variance[reduced.usable])
     # each lamp follows the noise of one of three channels
-    leaves = (3 - len(matrices)) / 3 * _total(_noise_left(reduced, matrices, share))
-    variance = np.maximum(own, leaves)
+    mixed = np.tensordot(share, matrices.astype(np.float32), axes=(0, 0))
+    both = (reduced.no_flash_variance, reduced.flash_variance, reduced.covariance)
+    left_by_noise = variance_left(mixed, *(one[reduced.usable] for one in both))
+    variance = np.maximum(own, (3 - len(matrices)) / 3 * _total(left_by_noise))
     relative = [np.asarray(one / light, np.float32) for one in (np.sqrt(variance), left)]
     noise, whole = (weighted_quantile(one, light, _QUANTILE) for one in relative)
     return float(np.sqrt(max(whole**2 - noise**2, 0.0)))
@@ -136,18 +138,6 @@ def _left_of_pixels(
     for share, given in zip(found, predicted, strict=True):
         left -= share[:, None] * given
     return np.abs(left) @ (1.0 / weights), _total(no_flash), found
-
-
-def _noise_left(
-    reduced: ReducedPair, matrices: Array, share: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Variance (n, 3) of the usable pixels' light less what lamps give in these shares (N, n)."""
-    usable = reduced.usable
-    mixed = np.tensordot(share, matrices.astype(np.float32), axes=(0, 0))
-    of_flash = (np.square(mixed) @ reduced.flash_variance[usable][..., None])[..., 0]
-    own_channel = np.diagonal(mixed, axis1=1, axis2=2)
-    both = own_channel * reduced.covariance[usable]
-    return np.asarray(reduced.no_flash_variance[usable] + of_flash - 2 * both, np.float32)
 
 
 def _total(light: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -67,6 +67,18 @@ class ReducedPair:
         return x / 2 - 0.5, y / 2 - 0.5
 
 
+def variance_left(
+    mixed: Image, no_flash_variance: Image, flash_variance: Image, covariance: Image
+) -> Image:
+    """Variance (…, 3) of the lamps' light less mixed (…, 3, 3) times the flash part.
+
+    The others: (…, 3), as those of a ReducedPair, of all or some of its means.
+    """
+    through = np.einsum("...kl,...l->...k", mixed * mixed, flash_variance)
+    shared = np.diagonal(mixed, axis1=-2, axis2=-1) * covariance
+    return np.asarray(no_flash_variance + through - 2 * shared, np.float32)
+
+
 def reduce_pair(pair: Pair) -> ReducedPair:
     """Average blocks of the pair so that its longer side has at most 512 of them.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shares import shares
-from pipeline.pair.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair, variance_left
 from pipeline.pictures.lettering import INK, panel, write, write_boxed
 from pipeline.separation.proportions import predictions
 
@@ -44,8 +44,8 @@ def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]
     z = shares(reduced.no_flash * weights, predicted * weights)
     left = (reduced.no_flash - (z[..., None] * predicted).sum(axis=0)) * weights
     mixed = np.einsum("nhw,nkl->hwkl", z, lamps.matrices.astype(np.float32))
-    variance = reduced.no_flash_variance + np.einsum(
-        "hwkl,hwl->hwk", mixed * mixed, reduced.flash_variance
+    variance = variance_left(
+        mixed, reduced.no_flash_variance, reduced.flash_variance, reduced.covariance
     )
     noise = (variance * weights * weights).sum(axis=2)
     squared = (left * left).sum(axis=2) - np.float32(_DEVIATIONS**2) * noise

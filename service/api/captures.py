@@ -150,7 +150,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
 def _refuse_large(options: dict[str, Any], pairs: int) -> None:
     """Refuse a small request that would fill the database, as each job has its own options."""
     size = len(json.dumps(options)) * pairs
-    if pairs > 1 and size > _BURST_BYTES:
+    if size > _BURST_BYTES:
         raise OptionError(
             f"options: for {pairs} pairs they take {size:,} bytes of {_BURST_BYTES:,}: name a "
             "calibration in place of tables, or ask for fewer pairs."

@@ -119,6 +119,7 @@ def test_channels_are_weighed_as_when_the_layers_are_made(
     odd = (two.no_flash * rng.uniform(0.5, 1.5, two.no_flash.shape)).astype(np.float32)
     variance = (1e-3 * odd**2).astype(np.float32)
     pair = replace(two, no_flash=odd, no_flash_variance=variance, flash_variance=variance)
+    pair = replace(pair, flash_only=True)  # so that one may be brighter without the other
     lamps = lamps_of(warm_to_cool[[0, 2]])
 
     found = relative_residual(pair, replace(lamps, channel_weights=weights))
