@@ -79,3 +79,11 @@ def test_what_is_white_has_no_part_in_it(share: float) -> None:
     for level in (0.1, 0.4, 0.7):
         colour = np.full(3, level)
         np.testing.assert_allclose(found.variance(colour) / whole.variance(colour), 1, rtol=0.1)
+
+
+def test_a_picture_that_is_white_all_over_has_none() -> None:
+    white = np.ones((256, 256, 3), np.float32)
+
+    found = compression_noise(white, white, ALL)
+
+    assert (found.variance(np.full(3, 0.5)) < 1e-9).all()

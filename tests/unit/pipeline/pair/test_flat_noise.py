@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.images.noise import Noise
-from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.flat_noise import _open_blocks, estimate_noises
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -259,3 +259,33 @@ def test_where_nearly_all_is_clipped_all_of_it_is_looked_at() -> None:
     found, _ = estimate_noises(one, other, clipped)
 
     np.testing.assert_array_equal(found.gain, estimate_noises(one, other)[0].gain)
+
+
+def test_clipped_areas_hide_no_noise_that_hangs_together() -> None:
+    """Means of 2 × 2 pixels tell its level, larger ones its grain, as in the whole picture."""
+    one, other = (
+        np.asarray(wedge() + cv2.GaussianBlur(drawn, (0, 0), 1.0), np.float32)
+        for drawn in np.random.default_rng(9).normal(0, 0.02, (2, 256, 256, 3))
+    )
+    whole, _ = estimate_noises(one, other)
+    clipped = np.zeros((256, 256), bool)
+    clipped[:140] = True
+    one[clipped] = other[clipped] = 1.0
+
+    found, _ = estimate_noises(one, other, clipped)
+
+    level = np.full(3, 0.3)
+    np.testing.assert_allclose(found.variance(level) / whole.variance(level), 1, atol=0.2)
+    assert found.grain / whole.grain == pytest.approx(1, abs=0.2)
+
+
+@pytest.mark.parametrize(("side", "hidden"), [(8, 4), (16, 1)])
+def test_a_clipped_pixel_hides_blocks_within_four_pixels(side: int, hidden: int) -> None:
+    marked = np.zeros((80, 80), bool)
+    marked[11, 11] = True
+
+    known = _open_blocks(marked, side)
+
+    assert known.shape == (80 // side, 80 // side)
+    assert (~known).sum() == hidden
+    assert not known[11 // side, 11 // side]
