@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
+from pipeline.decode.saturation import saturation
 from pipeline.images.coded import LevelImage, TableImage
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image, releasable
 from pipeline.images.strips import STRIP_ROWS, strips
-
-RAW_CLIP = 0.99
-"""Share of the white level from which a sensor value counts as clipped."""
 
 _RENDERED_CLIP = 254 / 255
 
@@ -76,21 +74,22 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     return out
 
 
-def clipped(samples: Samples, raw: bool = False, curved: bool = False) -> Mask:
+def clipped(samples: Samples, clip: float | None = None, curved: bool = False) -> Mask:
     """Pixels (H, W), upright, with a clipped channel.
 
+    clip: of RAW, the value from which a sensor's count as clipped, with the pixels around whose
+        demosaiced values came from them; None for other files.
     8 bits: 254 and above (the last code values before white are bent by the camera's curve and
-    by JPEG), and as much of white where 16 bits are curved. 16 bits else: white itself. RAW: 0.99
-    of the white level, with the pixels around whose demosaiced values came from it. Float files say
-    nothing of where the sensor ended, save one whose largest value is exactly 1: that has been cut
-    off there.
+    by JPEG), and as much of white where 16 bits are curved. 16 bits else: white itself. Float files
+    say nothing of where the sensor ended, save one whose largest value is exactly 1: that has been
+    cut off there.
     """
     values = upright(samples.values, samples.orientation)
     if values.dtype.kind == "f":
         limit = 1.0 if values.size and values.max() == 1.0 else np.inf
         below: float = np.nextafter(np.float32(limit), np.float32(0))
-    elif raw:
-        below = np.ceil(RAW_CLIP * samples.white) - 1
+    elif clip is not None:
+        below = np.ceil(clip) - 1
     elif curved:
         below = np.ceil(_RENDERED_CLIP * samples.white) - 1
     else:
@@ -99,21 +98,21 @@ def clipped(samples: Samples, raw: bool = False, curved: bool = False) -> Mask:
     for rows in strips(len(values), STRIP_ROWS):
         within = cv2.inRange(values[rows], (-np.inf,) * 3, (float(below),) * 3)
         np.equal(within, 0, out=mask[rows])
-    return _reached(mask.view(np.uint8)) if raw else mask
+    return mask if clip is None else _reached(mask.view(np.uint8))
 
 
 def clipped_photosites(
     mosaic: NDArray[np.uint16], black: NDArray[np.float64], white: float
 ) -> Mask:
-    """Pixels (H, W) around photosites (H, W) that reach 0.99 of the white level.
+    """Pixels (H, W) around photosites (H, W) that are clipped (see saturation).
 
     black: (2, 2), of the upper left photosites. white: what is measured between the least of black
     and the white level. Equal to clipped of the picture that is made of them.
     """
     mask = np.empty(mosaic.shape, np.bool_)
-    limits = np.ceil(black + RAW_CLIP * white)
     for y in range(2):
-        row = np.resize(limits[y], mosaic.shape[1]).astype(np.float32)
+        limits = [saturation(mosaic[y::2, x::2], black[y, x], white) for x in range(2)]
+        row = np.resize(limits, mosaic.shape[1]).astype(np.float32)
         np.greater_equal(mosaic[y::2], row, out=mask[y::2])
     return _reached(mask.view(np.uint8))
 

@@ -21,6 +21,7 @@ from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_grey
+from pipeline.decode.saturation import RAW_CLIP, saturation
 from pipeline.decode.tiff import (
     black_repeats,
     dng_matrix,
@@ -118,10 +119,11 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
             pixels: Photograph = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
             saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
         else:
+            share = _saturation(raw)
             values, white = _picture(raw, levels, linear_raw_channels(data) is not None)
     if mosaic is None:
         samples = Samples(values if part is None else values[part], white, turn)
-        pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
+        pixels, saturated = to_linear(samples, srgb=False), clipped(samples, share * white)
     matrix = known if _tells_colours(known) else dng_matrix(data)
     if matrix is not None and not _tells_colours(matrix):
         matrix = None
@@ -155,6 +157,15 @@ def _picture(raw: rawpy.RawPy, levels: Levels | None, linear: bool) -> tuple[NDA
         user_flip=0,
     )
     return values, _linear_white(raw) if linear else _MOST
+
+
+def _saturation(raw: rawpy.RawPy) -> float:
+    """Share of the white level from which values count as clipped (see saturation)."""
+    black = max(raw.black_level_per_channel)
+    white = raw.white_level - black
+    if raw.raw_type != rawpy.RawType.Flat or white <= 0:
+        return RAW_CLIP
+    return (saturation(raw.raw_image_visible, black, white) - black) / white
 
 
 def _unpack(raw: rawpy.RawPy) -> None:

@@ -172,6 +172,34 @@ def test_values_above_white_are_white_and_clipped(dng: Dng) -> None:
     assert frame.saturated.all()
 
 
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_sensor_whose_greens_end_below_white_is_clipped_there(dng: Dng, orientation: int) -> None:
+    """Dark but for a window, green photosites at most 15,000, those of red and blue 11,000."""
+    values = mosaic(PATTERNS["rggb"])
+    values[20:50, 30:60] = 11_000
+    values[20:50:2, 31:60:2] = values[21:50:2, 30:60:2] = 15_000
+
+    frame = decode(dng(values, {274: ("H", 1, orientation)}))
+
+    expected = np.zeros(values.shape, bool)
+    expected[18:52, 28:62] = True  # what was demosaiced from these
+    expected[18, 28] = expected[51, 61] = False  # beside red and blue alone
+    turned = expected if orientation == 1 else np.rot90(expected, -1)
+    np.testing.assert_array_equal(frame.saturated, turned)
+
+
+def test_an_x_trans_sensor_that_ends_below_white_is_clipped_there(dng: Dng) -> None:
+    values = mosaic(tuple(map(int, X_TRANS)), 516, 520)
+    values[200:260, 300:360] = 15_000
+
+    frame = decode(
+        dng(values, {33421: ("H", 2, (6, 6)), 33422: ("B", 36, tuple(map(int, X_TRANS)))})
+    )
+
+    assert frame.saturated[200:260, 300:360].all()
+    assert not frame.saturated[:190].any() and not frame.saturated[:, 370:].any()
+
+
 @pytest.mark.parametrize(
     "tags",
     [

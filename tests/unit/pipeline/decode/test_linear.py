@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.decode.linear import RAW_CLIP, clipped, clipped_photosites, to_linear
+from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.samples import Samples, upright
+from pipeline.decode.saturation import RAW_CLIP
 
 
 @pytest.mark.parametrize("rows", [1, 255, 256, 257, 600])
@@ -49,7 +50,7 @@ def test_a_pixel_is_clipped_where_one_channel_reaches_the_limit(
     values[:, :5] = near
     limit = RAW_CLIP * white if raw else white - (kind == np.uint8)
 
-    mask = clipped(Samples(values, float(white), orientation), raw)
+    mask = clipped(Samples(values, float(white), orientation), limit if raw else None)
 
     expected = np.asarray((upright(values, orientation) >= limit).any(axis=2))
     if raw:
@@ -62,7 +63,7 @@ def test_8_bit_samples_are_clipped_from_254() -> None:
     values = np.full((2, 3, 3), 100, np.uint8)
     values[0, 0, 1], values[0, 1, 2], values[1, 2, 0] = 253, 254, 255
 
-    mask = clipped(Samples(values, 255.0), raw=False)
+    mask = clipped(Samples(values, 255.0))
 
     np.testing.assert_array_equal(mask, [[False, True, False], [False, False, True]])
 
@@ -70,22 +71,22 @@ def test_8_bit_samples_are_clipped_from_254() -> None:
 def test_16_bit_samples_are_clipped_at_white_alone() -> None:
     values = np.array([[[65534] * 3, [65535, 0, 0]]], np.uint16)
 
-    np.testing.assert_array_equal(clipped(Samples(values, 65535.0), raw=False), [[False, True]])
+    np.testing.assert_array_equal(clipped(Samples(values, 65535.0)), [[False, True]])
 
 
 def test_floats_are_clipped_only_where_1_is_their_end() -> None:
     values = np.array([[[0.2, 1.0, 0.3], [0.9, 0.99, 0.1]]], np.float32)
 
-    np.testing.assert_array_equal(clipped(Samples(values, 1.0), raw=False), [[True, False]])
+    np.testing.assert_array_equal(clipped(Samples(values, 1.0)), [[True, False]])
     values[0, 1, 1] = 1.5
-    assert not clipped(Samples(values, 1.0), raw=False).any()
+    assert not clipped(Samples(values, 1.0)).any()
 
 
 def test_a_clipped_sensor_value_spoils_the_pixels_around_it() -> None:
     values = np.full((11, 11, 3), 20_000, np.uint16)
     values[5, 5, 0] = 65_000
 
-    mask = clipped(Samples(values, 65535.0), raw=True)
+    mask = clipped(Samples(values, 65535.0), RAW_CLIP * 65535)
 
     expected = np.zeros((11, 11), bool)
     expected[3:8, 3:8] = True
@@ -113,14 +114,14 @@ def test_photosites_are_clipped_as_a_picture_of_them_is(size: tuple[int, int]) -
     mask = clipped_photosites(mosaic, np.zeros((2, 2)), 65535.0)
 
     grey = np.repeat(mosaic[..., None], 3, axis=2)
-    np.testing.assert_array_equal(mask, clipped(Samples(grey, 65535.0), raw=True))
+    np.testing.assert_array_equal(mask, clipped(Samples(grey, 65535.0), RAW_CLIP * 65535))
 
 
 def test_the_mask_is_turned_with_the_picture() -> None:
     values = np.zeros((2, 3, 3), np.uint8)
     values[0, 0] = 255
 
-    mask = clipped(Samples(values, 255.0, orientation=6), raw=False)
+    mask = clipped(Samples(values, 255.0, orientation=6))
 
     np.testing.assert_array_equal(mask, [[False, True], [False, False], [False, False]])
 
