@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +18,7 @@ _FEWEST = 100
 """Photosites of a pile; of fewer, chance decides where they lie."""
 
 
-def saturation(values: NDArray[Any], black: float, white: float) -> float:
+def saturation(values: NDArray[np.uint16], black: float, white: float) -> float:
     """Value from which photosites count as clipped: .99 of the white level, or where they pile up.
 
     values: of photosites, any shape, all of one colour where colours end at different values.
