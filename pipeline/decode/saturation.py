@@ -33,6 +33,10 @@ def saturation(values: NDArray[np.uint16], black: float, white: float) -> float:
     if most >= limit or most < black + _LEAST * white:
         return limit
     end = most - _PILE * white
-    pile = np.count_nonzero(values >= end)
-    below = np.count_nonzero(values >= end - _BELOW * _PILE * white) - pile
+    pile = _reaching(values, end)
+    below = _reaching(values, end - _BELOW * _PILE * white) - pile
     return float(np.ceil(end)) if pile >= max(below, _FEWEST) else limit
+
+
+def _reaching(values: NDArray[np.uint16], limit: float) -> int:
+    return int(np.count_nonzero(np.greater_equal(values, limit)))
