@@ -36,7 +36,7 @@ _OTHERS = 2
 
 @dataclass(frozen=True)
 class Cache:
-    """Where the code of this package's modules is."""
+    """Where the code of this package's modules is, in a folder for each folder of them."""
 
     folder: Path
     unwritable: Path | None = None
@@ -45,7 +45,7 @@ class Cache:
     def is_filled(self) -> bool:
         """Whether code for this processor is there."""
         marks = [part.encode() for part in cpu_target.target_context.codegen().magic_tuple()]
-        indices = (path.read_bytes() for path in self.folder.glob("*.nbi"))
+        indices = (path.read_bytes() for path in self.folder.glob("*/*.nbi"))
         return any(all(mark in index for mark in marks) for index in indices)
 
 
@@ -56,12 +56,11 @@ def settle() -> Cache:
     is_new = not os.access(wanted, os.F_OK)
     _config.CACHE_DIR = str(wanted)
     try:
-        found = _folder()
         # A user's own folder, which Numba takes next, would have nothing of what is compiled.
-        if found.is_relative_to(wanted):
+        if _folder().is_relative_to(wanted):
             if is_new:
                 _forget_older(wanted)
-            return Cache(found)
+            return Cache(wanted)
     except RuntimeError:
         pass
     own = Path(tempfile.mkdtemp(prefix="lightlayers-compiled-"))
@@ -70,7 +69,7 @@ def settle() -> Cache:
         (own / path.parent.name).mkdir(exist_ok=True)
         (own / path.parent.name / path.name).symlink_to(path)  # Numba replaces files, links too
     _config.CACHE_DIR = str(own)
-    return Cache(_folder(), home)
+    return Cache(own, home)
 
 
 def _home() -> Path:

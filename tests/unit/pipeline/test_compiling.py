@@ -12,15 +12,11 @@ import pytest
 from numba.core.registry import cpu_target
 
 from pipeline import compiling, sources
-from pipeline.compiling import Cache, exact, settle
+from pipeline.compiling import exact, settle
 
 
 def _double(number: int) -> int:
     return 2 * number
-
-
-def _folder_of(kernel: Any) -> Path:
-    return Path(kernel.stats.cache_path)
 
 
 @pytest.fixture
@@ -64,7 +60,7 @@ def lock(
 
 def test_code_is_kept_in_the_folder_that_is_given(given: Path) -> None:
     cache = settle()
-    assert cache.folder.parent.parent == given
+    assert cache.folder.parent == given
     assert cache.unwritable is None
     kernel: Any = exact(_double)
     assert kernel(3) == 6
@@ -112,7 +108,7 @@ def test_code_that_another_module_is_compiled_into_notices_its_change(
     home = package.parent / "given" if given else package / "__pycache__"
     variables = {"NUMBA_CACHE_DIR": str(home) if given else ""}
     number, folder = _asked(package, **variables)
-    assert (number, folder.parent.parent) == (42, home)
+    assert (number, folder.parent) == (42, home)
     assert _asked(package, **variables) == (42, folder)
     (package / "callee.py").write_text("NUMBER = 43\n")
     assert _asked(package, **variables)[0] == 43
@@ -178,14 +174,33 @@ def test_where_nothing_can_be_kept_code_is_compiled_all_the_same(
 
 
 def test_code_of_another_processor_is_none(given: Path) -> None:
-    settle()
-    cache = Cache(_folder_of(exact(_double)))
+    cache = settle()
+    assert cache.folder.parent == given
     assert cache.is_filled()
-    (index,) = cache.folder.glob("*.nbi")
+    (index,) = cache.folder.glob("*/*.nbi")
     processor = cpu_target.target_context.codegen().magic_tuple()[1].encode()
     index.write_bytes(index.read_bytes().replace(processor, b"8086"))
     assert not cache.is_filled()
-    assert not Cache(given).is_filled()
+
+
+@pytest.mark.parametrize("writable", [True, False])
+def test_code_of_modules_in_any_folder_of_the_package_is_told(
+    writable: bool, tmp_path: Path, lock: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
+    assert not settle().is_filled()
+    code = "import numpy as np; from pipeline.images.blocks import any_in_blocks as loop; "
+    code += "loop(np.ones((4, 4), bool), 2)"
+    subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "given")},
+        check=True,
+    )
+    if not writable:
+        lock(tmp_path / "given")
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
+    cache = settle()
+    assert (cache.is_filled(), cache.unwritable is None) == (True, writable)
 
 
 def test_a_module_with_loops_is_imported_where_nothing_can_be_written(tmp_path: Path) -> None:
