@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import resource
+import shlex
 import shutil
 import socket
 import sys
@@ -323,7 +324,7 @@ def _files(settings: Settings) -> Iterator[Finding]:
 
 def _kernels(_settings: Settings) -> Iterator[Finding]:
     cache, filled = compiling.CACHE, compiling.CACHE.is_filled()
-    command = f"{Path(sys.executable).name} -m service.compile"
+    command = f"{shlex.quote(sys.executable)} -m service.compile"  # which has it, as no other may
     if filled and cache.unwritable:
         sentence = f"they are compiled; {cache.unwritable} cannot be written, so no more are kept."
     elif filled:

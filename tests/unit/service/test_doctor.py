@@ -4,6 +4,7 @@ import re
 import resource
 import shutil
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -341,7 +342,7 @@ def test_files_that_a_job_may_not_have_are_told(
     [
         (True, None, "ok", "in /compiled/pipeline."),
         (True, Path("/compiled"), "ok", "they are compiled; /compiled cannot be written"),
-        (False, None, "note", "-m service.compile"),
+        (False, None, "note", f"run `{sys.executable} -m service.compile`."),
         (False, Path("/compiled"), "wrong", "each process compiles them anew"),
     ],
 )
