@@ -137,7 +137,7 @@ def _is_missing_file(url: str) -> bool:
     if parsed.get_backend_name() != "sqlite":
         return False
     try:
-        return not Path(parsed.database or "").is_file()
+        return parsed.database not in database.IN_MEMORY and not Path(str(parsed.database)).exists()
     except OSError:  # its folder may not be entered: opening it tells why
         return False
 
@@ -342,15 +342,19 @@ def _kernels(_settings: Settings) -> Iterator[Finding]:
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:
-    yield _port("port", settings.host, settings.port, "PORT", _is_ours)
-    if settings.metrics_port is not None:
-        host, port = settings.metrics_host, settings.metrics_port
-        yield _port("metrics_port", host, port, "METRICS_PORT", _is_metrics)
-        # of the worker that serve starts
-        yield _port("worker's metrics_port", host, port + 1, "METRICS_PORT", _is_metrics)
+    yield _port("port", settings.host, settings.port, "", _is_ours)
+    if settings.metrics_port is None:
+        return
+    # the second is of the worker that serve starts
+    for port, part in enumerate(("metrics_port", "worker's metrics_port"), settings.metrics_port):
+        if port == settings.port:
+            said = f"{port} is the port of the service: set another {PREFIX}METRICS_PORT."
+            yield Finding("wrong", part, said)
+        else:
+            yield _port(part, settings.metrics_host, port, "METRICS_", _is_metrics)
 
 
-def _port(part: str, host: str, port: int, setting: str, ours: Callable[[str], bool]) -> Finding:
+def _port(part: str, host: str, port: int, kind: str, ours: Callable[[str], bool]) -> Finding:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         socket.create_server((host, port), family=family).close()
@@ -363,7 +367,7 @@ def _port(part: str, host: str, port: int, setting: str, ours: Callable[[str], b
             "wrong",
             part,
             f"{port} of {host} cannot be listened on ({reason_of(error)}): set another "
-            f"{PREFIX}{setting}.",
+            f"{PREFIX}{kind}PORT or {PREFIX}{kind}HOST.",
         )
 
 

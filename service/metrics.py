@@ -87,5 +87,5 @@ def serve(settings: Settings, engine: sa.Engine) -> None:
     except OSError as error:
         raise StartError(
             f"Port {settings.metrics_port} of {settings.metrics_host} cannot be listened on: "
-            f"{reason_of(error)}; set another LIGHTLAYERS_METRICS_PORT."
+            f"{reason_of(error)}; set another LIGHTLAYERS_METRICS_PORT or LIGHTLAYERS_METRICS_HOST."
         ) from error

@@ -17,6 +17,9 @@ metadata = sa.MetaData()
 
 _PATIENCE_SECONDS = 30  # with SQLite that others write to
 
+IN_MEMORY = (None, "", ":memory:")
+"""Names of SQLite's databases that are in no file."""
+
 AWAY = (
     sa.exc.OperationalError,
     sa.exc.InterfaceError,
@@ -240,7 +243,7 @@ def connect(url: str) -> sa.Engine:
         return engine
     if parsed.get_backend_name() != "sqlite":
         raise ValueError("The address is neither of SQLite nor of PostgreSQL.")
-    if parsed.database in (None, "", ":memory:"):
+    if parsed.database in IN_MEMORY:
         raise ValueError("A database in memory is no other process's, and ends with its own.")
     # Secrets of webhooks are in it; what is there already is its owner's to close.
     Path(str(parsed.database)).parent.mkdir(mode=0o700, parents=True, exist_ok=True)

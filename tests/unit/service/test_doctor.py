@@ -147,13 +147,31 @@ def test_a_database_that_is_away_is_told(look: Look, monkeypatch: pytest.MonkeyP
     assert "secret" not in found.sentence
 
 
-@pytest.mark.parametrize("url", ["nonsense", "mysql://x", "postgresql://u:secret@h:port/x"])
-def test_an_address_of_no_database_that_is_known_is_told(
+@pytest.mark.parametrize(
+    "url",
+    [
+        "nonsense",
+        "mysql://x",
+        "postgresql://u:secret@h:port/x",
+        "sqlite://",
+        "sqlite:///:memory:",
+    ],
+)
+def test_an_address_of_no_database_that_processes_can_share_is_told(
     url: str, look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", url)
     found = look()["database"]
     assert (found.grade, found.sentence) == ("wrong", WRONG_ADDRESS)
+
+
+def test_a_folder_in_the_database_s_place_is_told(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", f"sqlite:///{tmp_path}")
+    found = look()["database"]
+    assert found.grade == "wrong"
+    assert "unable to open database file" in found.sentence
 
 
 def test_an_older_schema_is_told_and_left_alone(look: Look, settings: Settings) -> None:
@@ -383,7 +401,7 @@ def test_an_address_that_is_none_is_told(
     found = look()["port"]
     assert found.grade == "wrong"
     assert f" of {host} cannot be listened on (" in found.sentence
-    assert found.sentence.endswith("set another LIGHTLAYERS_PORT.")
+    assert found.sentence.endswith("set another LIGHTLAYERS_PORT or LIGHTLAYERS_HOST.")
 
 
 def test_a_service_of_this_machine_is_asked_without_the_proxy(
@@ -417,7 +435,19 @@ def test_a_port_of_something_else_is_told_that_the_worker_of_serve_would_take(
         found = look()["worker's metrics_port"]
     assert found.grade == "wrong"
     assert found.sentence.startswith(f"{port} of 127.0.0.1 cannot be listened on")
-    assert found.sentence.endswith("set another LIGHTLAYERS_METRICS_PORT.")
+    advice = "set another LIGHTLAYERS_METRICS_PORT or LIGHTLAYERS_METRICS_HOST."
+    assert found.sentence.endswith(advice)
+
+
+@pytest.mark.parametrize(("below", "part"), [(0, "metrics_port"), (1, "worker's metrics_port")])
+def test_one_port_for_two_is_told_before_either_is_listened_on(
+    below: int, part: str, look: Look, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_METRICS_PORT", str(settings.port - below))
+    found = look()
+    said = f"{settings.port} is the port of the service: set another LIGHTLAYERS_METRICS_PORT."
+    assert found[part] == Finding("wrong", part, said)
+    assert found["port"].grade == "ok"
 
 
 def test_a_store_of_another_database_is_told_with_the_way_out(look: Look, context: Context) -> None:

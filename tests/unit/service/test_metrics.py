@@ -117,7 +117,7 @@ def test_only_faults_of_the_store_are_the_stores() -> None:
 def test_a_port_in_use_is_told(engine: sa.Engine) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         settings = Settings(metrics_port=other.getsockname()[1])
-        with pytest.raises(StartError, match="LIGHTLAYERS_METRICS_PORT"):
+        with pytest.raises(StartError, match="METRICS_PORT or LIGHTLAYERS_METRICS_HOST"):
             metrics.serve(settings, engine)
 
 
