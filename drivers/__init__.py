@@ -28,6 +28,7 @@ from drivers.flash import (
 )
 from drivers.pair import CapturedPair
 from drivers.registry import (
+    SCHEMES,
     announce_simulated,
     canonical_address,
     check_address,
@@ -43,6 +44,7 @@ from drivers.shot import Shot
 
 __all__ = [
     "CAPTURE_STAGES",
+    "SCHEMES",
     "SWITCH_S",
     "BadAddressError",
     "Camera",

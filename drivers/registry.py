@@ -25,6 +25,8 @@ _BACKENDS = {
     "gphoto2": "drivers.gphoto.backend",
 }
 
+SCHEMES = tuple(_BACKENDS)
+"""What addresses of cameras begin with, before ://."""
 
 _HEAR_S = 1.5  # so long cameras on the network may take to answer
 

@@ -15,6 +15,7 @@ MIB = 1024 * 1024
 _MOST = 2**62  # that the database and the system take, of bytes and files
 _SHORTEST = 0.01
 """Of what takes seconds: a worker that looks more often does nothing else."""
+_CAMERAS = "sim:// ptp+usb:// gphoto2://usb"
 TELLINGS = 20
 """How often a webhook may be told at most."""
 
@@ -55,6 +56,22 @@ def _check_origins(text: str) -> str:
     for origin in text.split():
         if not re.fullmatch(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", origin):
             raise ValueError(f"{origin!r} is no origin: write one like https://app.example")
+    return text
+
+
+def _check_cameras(text: str) -> str:
+    if text == _CAMERAS:
+        return text
+    from drivers import SCHEMES  # only here: a separation loads no driver
+
+    for part in text.split():
+        scheme, _, rest = part.partition(":")
+        if scheme not in SCHEMES or "://" in rest:
+            known = ", ".join(f"{name}://" for name in SCHEMES)
+            raise ValueError(
+                f"{part!r} is no beginning of a camera's address: write some that start with "
+                f"{known}, separated by spaces"
+            )
     return text
 
 
@@ -160,8 +177,8 @@ class Settings(BaseSettings):
         description="Port of Prometheus metrics, of API and worker; the worker that `serve` starts "
         "takes the next one. Each further process on a host needs one of its own. None without it.",
     )
-    cameras: str = Field(
-        default="sim:// ptp+usb:// gphoto2://usb",
+    cameras: Annotated[str, AfterValidator(_check_cameras)] = Field(
+        default=_CAMERAS,
         description="Cameras that jobs may name, by address or by its beginning up to :, / or ?, "
         "separated by spaces. Those on the network must be here, like ptp+ip://192.168.1.20, or "
         "who sends jobs could have the service knock at any door.",

@@ -212,3 +212,28 @@ def test_an_order_for_a_flash_must_say_what_is_wanted(order: str, fault: str) ->
 def test_a_flash_has_no_switch_unless_its_operator_names_one() -> None:
     assert Settings().flash_switch is None
     assert Settings(flash_switch="relay '{state}'").flash_switch == "relay '{state}'"
+
+
+@pytest.mark.parametrize(
+    ("cameras", "strange"),
+    [
+        ("sim://,ptp+usb://", "sim://,ptp+usb://"),
+        ("sim:// ptpip://192.168.1.20", "ptpip://192.168.1.20"),
+        ("192.168.1.20", "192.168.1.20"),
+    ],
+)
+def test_what_no_camera_s_address_begins_with_is_refused(cameras: str, strange: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings(cameras=cameras)
+    assert sentence_of(refused.value) == (
+        f"cameras: {strange!r} is no beginning of a camera's address: write some that start with "
+        "sim://, ptp+usb://, ptp+ip://, gphoto2://, separated by spaces."
+    )
+
+
+@pytest.mark.parametrize(
+    "cameras",
+    ["", "sim", "gphoto2://usb:001,004 ptp+ip://[fe80::1]:15740", "sim://studio?lights=3"],
+)
+def test_beginnings_of_addresses_of_every_kind_are_taken(cameras: str) -> None:
+    assert Settings(cameras=cameras).cameras == cameras
