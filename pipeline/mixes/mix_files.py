@@ -19,7 +19,7 @@ from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile
 from pipeline.encode.tiff import TiffFile
 from pipeline.encode.writer import Writer
-from pipeline.errors import InputError
+from pipeline.errors import InputError, reason_of
 from pipeline.images.data_window import size_of_window
 from pipeline.images.frames import Image, by_planes
 from pipeline.images.strips import STRIP_ROWS
@@ -102,7 +102,7 @@ def format_of(target: Path) -> str:
     found = names.get(target.suffix.lower().lstrip("."))
     if found is None:
         raise InputError(
-            f"A mix cannot be written as {target.name}: its name has to end in .jpg, .tif or .exr."
+            f"A mix cannot be written as {target}: its name has to end in .jpg, .tif or .exr."
         )
     return found
 
@@ -156,6 +156,10 @@ def _open(folder: Path, lamps: int) -> Any:
             f"There is no {LAYERS} among the results: separate the pair with that output."
         )
     name = name_of(path)
+    try:
+        path.open("rb").close()  # OpenEXR does not say why it cannot be
+    except OSError as error:
+        raise InputError(f"{LAYERS} cannot be read: {reason_of(error)}.") from error
     try:
         with muted():
             source = OpenEXR.InputFile(name)

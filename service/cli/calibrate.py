@@ -188,7 +188,7 @@ def _calibrate(
     if output is not None:
         if output.suffix.lower() != ".json":  # perhaps a photograph
             raise OptionError(
-                f"A calibration cannot be written as {output.name}: its name has to end in .json."
+                f"A calibration cannot be written as {output}: its name has to end in .json."
             )
         calibration_file.check_target(kind, output)
     before, after = flags.photographs()

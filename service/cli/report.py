@@ -45,9 +45,7 @@ def write_report(folder: Path, target: Path) -> Path:
     where the page cannot be written or another one would be lost.
     """
     if target.suffix.lower() not in (".html", ".htm"):  # perhaps a picture of the results
-        raise InputError(
-            f"A page cannot be written as {target.name}: its name has to end in .html."
-        )
+        raise InputError(f"A page cannot be written as {target}: its name has to end in .html.")
     _check_lost(target)
     manifest = _manifest(folder)
     page = Template(_template())

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,28 @@ def test_layers_of_another_run_are_refused(folder: Path, files: list[Any]) -> No
     with pytest.raises(InputError, match=r"layers.exr is not that of the manifest.json beside it"):
         mix_files(folder, TWO, folder / "mix.jpg", Progress())
     assert not (folder / "mix.jpg").exists()
+
+
+@pytest.mark.parametrize("target", [".", "..", "folder/mix"])
+def test_what_is_no_picture_s_name_is_told(target: str) -> None:
+    with pytest.raises(InputError) as refused:
+        format_of(Path(target))
+    assert str(refused.value).startswith(f"A mix cannot be written as {target}: its name has to")
+
+
+def test_layers_that_may_not_be_read_are_not_called_damaged(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Path.open
+
+    def refuse(path: Path, *given: Any, **named: Any) -> Any:
+        if path.name == "layers.exr":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, *given, **named)
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(InputError, match=r"^layers\.exr cannot be read: permission denied\.$"):
+        mix_files(folder, TWO, folder / "mix.jpg", Progress())
 
 
 def test_layers_that_break_off_leave_no_picture(

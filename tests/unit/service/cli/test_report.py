@@ -125,6 +125,14 @@ def test_a_page_may_lie_elsewhere(results: Path, tmp_path: Path) -> None:
     assert (tmp_path / "shown.html").exists() and not (results / "report.html").exists()
 
 
+def test_a_folder_that_is_named_for_the_page_is_told(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["report", str(results), "-o", "."]) == 2
+    said = capsys.readouterr().err
+    assert said == "A page cannot be written as .: its name has to end in .html.\n"
+
+
 def test_a_picture_is_not_written_over(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = results / "lamp1.jpg"
     before = picture.read_bytes()
