@@ -27,6 +27,8 @@ def main() -> None:
     signals.install()
     if sys.stdin is None:  # it was closed: that is its end, too
         sys.stdin = Path(os.devnull).open()  # noqa: SIM115
+    if sys.stderr is None:  # what is printed on None goes to stdout
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
         codecs.register_error("escape-or-replace", _escape_or_replace)
         sys.stdout.reconfigure(errors="escape-or-replace")  # stderr never fails by itself

@@ -6,7 +6,10 @@ import traceback
 from pathlib import Path
 
 from pipeline.errors import InputError
+from service.durable import FULL
 from service.workers.shortage import TOLD, wants_memory
+
+_FULL = "A disk is full that this writes to, that of what is printed perhaps: make room on it."
 
 
 def explain(error: Exception) -> tuple[str, int]:
@@ -15,6 +18,8 @@ def explain(error: Exception) -> tuple[str, int]:
         return TOLD, 1
     if isinstance(error, InputError):
         return str(error), 2
+    if getattr(error, "errno", None) in FULL:
+        return _FULL, 1
     # Imported only here: they take time, and memory that may be short.
     from pydantic import ValidationError
 

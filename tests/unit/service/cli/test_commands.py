@@ -394,6 +394,42 @@ def test_a_closed_stdin_is_at_its_end(
     assert (done.returncode, said in done.stderr) == (code, True), done.stderr
 
 
+def _sh(redirected: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command whose streams are redirected as a shell says."""
+    return subprocess.run(
+        [
+            "sh",
+            "-c",
+            f'exec "$@" {redirected}',
+            "sh",
+            sys.executable,
+            "-m",
+            "service.cli",
+            *arguments,
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+
+
+def test_what_is_said_beside_the_results_is_not_among_them_where_stderr_is_closed() -> None:
+    done = _sh("2>&-", "report", "nowhere")
+    assert (done.returncode, done.stdout) == (2, "")
+
+
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="the system has no full disk to print on"
+)
+def test_a_disk_that_is_too_full_for_what_is_printed_is_no_fault_of_the_program() -> None:
+    done = _sh("> /dev/full", "--version")
+    assert done.returncode == 1
+    assert (
+        done.stderr.startswith("A disk is full that this writes to")
+        and done.stderr.count("\n") == 1
+    )
+
+
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii", "iso8859-5:strict"])
 def test_a_character_that_stdout_does_not_have_ends_no_command(encoding: str) -> None:
     done = subprocess.run(

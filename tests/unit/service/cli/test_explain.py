@@ -13,6 +13,8 @@ from service.problems import DATABASE_AWAY
 from service.sending.client import RefusedError, ServiceAwayError
 from service.workers.shortage import TOLD
 
+_FULL = "A disk is full that this writes to, that of what is printed perhaps: make room on it."
+
 
 @pytest.mark.parametrize(
     "error",
@@ -32,6 +34,7 @@ def test_what_the_user_can_mend_is_the_errors_own_sentence(error: Exception) -> 
     [
         (MemoryError(), TOLD),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), TOLD),
+        (OSError(errno.ENOSPC, "No space left on device"), _FULL),
         (DriverError("The camera is gone."), "The camera is gone."),
         (ServiceAwayError("It does not answer."), "It does not answer."),
         (OperationalError("SELECT 1", None, OSError("secret")), DATABASE_AWAY.detail),
