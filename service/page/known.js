@@ -47,6 +47,7 @@ export function knownForm(job, manifest, light, look, signal) {
     changed();
     middle.focus(); // else the keyboard were lost with the button
   };
+  const see = () => light.canvas.isConnected || look(); // what is not shown has no middle
   const mark = (place) => {
     if (place.some((value, axis) => value < 0 || value >= size[axis])) return; // beside the photograph
     const [x, y] = place.map(Math.floor);
@@ -56,7 +57,7 @@ export function knownForm(job, manifest, light, look, signal) {
     changed();
     say(`${KINDS.find(([of]) => of === kind)[2]} ${known[kind].length} is marked at ${x}, ${y}.`);
   };
-  const middle = h("button", { type: "button", textContent: "Mark the middle", "aria-label": "Mark the middle of the picture", onclick: () => mark(spots.at()) });
+  const middle = h("button", { type: "button", textContent: "Mark the middle", "aria-label": "Mark the middle of the picture", onclick: () => (see(), mark(spots.at())) });
   const submit = single(async () => {
     problems.replaceChildren();
     if (KINDS.every(([of]) => !known[of].length && !before[of].length)) return problems.append(alarm(NONE));
@@ -77,7 +78,7 @@ export function knownForm(job, manifest, light, look, signal) {
   );
   element.addEventListener("toggle", () => {
     light.canvas.classList.toggle("pointed", element.open);
-    if (element.open && !light.canvas.isConnected) look();
+    if (element.open) see();
     show();
   });
   onTap(light.canvas, (...point) => element.open && mark(spots.at(point)));

@@ -175,6 +175,22 @@ def test_lamps_are_pinned_by_keys_alone(page: Page, done: dict[str, Any], servic
     assert options["forbidden_lamps"] == []
 
 
+def test_the_middle_is_that_of_the_mix_whatever_else_was_looked_at(
+    page: Page, done: dict[str, Any]
+) -> None:
+    """A picture that is not shown has no middle: its upper left corner was marked."""
+    open_known(page, done)
+    middle = page.get_by_role("button", name="Mark the middle")
+    middle.click()
+    page.get_by_role("radio", name="Why these lamps").check(force=True)
+    middle.click()
+    expect(page.get_by_role("radio", name="Mix", exact=True)).to_be_checked()
+    for axis, side in (("x", WIDTH), ("y", HEIGHT)):
+        first, second = (page.get_by_label(f"Pinned lamp {lamp}: {axis}") for lamp in (1, 2))
+        assert float(first.input_value()) == pytest.approx(side / 2, abs=1)
+        expect(second).to_have_value(first.input_value())
+
+
 def test_what_the_service_refuses_is_told_and_stays(page: Page, done: dict[str, Any]) -> None:
     """Three pins for two lamps."""
     canvas = open_known(page, done)
