@@ -40,7 +40,7 @@ export function normalsForm(job, manifest, signal) {
     h("form", { onsubmit: submit }, from, balls, h("button", { textContent: "Find normals" })),
     problems,
   );
-  element.addEventListener("toggle", () => element.open && from.hidden && offer(calibration, from), { once: true });
+  element.addEventListener("toggle", single(async () => element.open && from.hidden && offer(calibration, from))); // opened again, it is tried again
   return element;
 }
 

@@ -206,6 +206,25 @@ def test_calibrations_of_lamps_are_offered_however_old_they_are(
     assert asked == ["?limit=200", more.removeprefix("/jobs")]
 
 
+def test_calibrations_of_lamps_that_did_not_come_are_asked_for_again(
+    page: Page, done: dict[str, Any]
+) -> None:
+    """With the next look at the form."""
+    lamps = {**done, "options": {"kind": "lamps"}, "created": LATER}
+    lamps["taken_with"] = {"make": "NIKON", "model": "D5100", "upright": True}
+    page.route(re.compile(r"/jobs\?"), lambda route: route.abort())
+    open_mixer(page, done)
+    form = page.get_by_text("Find the surface")
+    with page.expect_event("requestfailed", lambda one: "/jobs?" in one.url):
+        form.click()
+    page.unroute(re.compile(r"/jobs\?"))
+    listed = {"jobs": [lamps], "next": None}
+    page.route(re.compile(r"/jobs\?"), lambda route: route.fulfill(json=listed))
+    form.click()
+    form.click()
+    expect(page.get_by_label("Where the lamps stand").get_by_role("option")).to_have_count(2)
+
+
 def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> None:
     job = service.capture("sim://studio", deadline_seconds=0.01)
     ended = service.await_end(job)
