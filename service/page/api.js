@@ -123,7 +123,7 @@ export async function sendPiece(path, headers, bytes, sent, signal) {
     const tried = key();
     const answer = await send(path, headers, bytes, sent, signal); // fetch would not tell how far it is
     if (answer.status === 401 && (await otherKey(tried))) continue;
-    if (answer.status >= 400) throw new Problem(asJson(answer.responseText) ?? unknown(answer.status));
+    if (answer.status >= 400) throw problemOf(answer.responseText, answer.status);
     return;
   }
 }
@@ -160,7 +160,7 @@ export async function request(path, init = {}) {
     }
     if (answer.ok) return answer;
     if (answer.status === 401 && (await otherKey(tried))) continue;
-    throw new Problem(asJson(await bodyOf(answer, "text")) ?? unknown(answer.status));
+    throw problemOf(await bodyOf(answer, "text"), answer.status);
   }
 }
 
@@ -173,16 +173,17 @@ async function bodyOf(answer, method) {
   }
 }
 
+/** What an answer says went wrong: of a proxy it may be JSON of any kind, or none. */
+function problemOf(text, status) {
+  return new Problem({ title: "The service failed", detail: `It answered with ${status} and nothing to read.`, ...asJson(text), status });
+}
+
 function asJson(text) {
   try {
     return JSON.parse(text);
   } catch {
     return null;
   }
-}
-
-function unknown(status) {
-  return { title: "The service failed", detail: `It answered with ${status} and nothing to read.`, status };
 }
 
 export function key() {

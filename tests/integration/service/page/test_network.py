@@ -12,6 +12,7 @@ from playwright.sync_api import Page, Route, expect
 from tests.integration.service.page.looking import drawn, open_mixer
 
 AWAY = {"type": "x", "title": "Away", "detail": "Back in a minute.", "status": 503}
+OF_A_PROXY = {"message": "no healthy upstream", "status": "Failure"}
 
 
 def test_a_page_of_which_a_script_does_not_come_says_so(page: Page) -> None:
@@ -95,6 +96,38 @@ def test_a_rendering_is_made_once_where_the_network_breaks_after_it_was_asked_fo
     page.route("**/jobs/mixed", look)
     page.get_by_role("button", name="Render full size").click()
     expect(page.get_by_role("button", name="Download mix.jpg")).to_be_visible()
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_a_job_is_watched_on_where_a_proxy_answers_in_words_of_its_own(
+    page: Page, done: dict[str, Any]
+) -> None:
+    looks: list[str] = []
+
+    def look(route: Route) -> None:
+        looks.append(route.request.url)
+        if len(looks) == 1:
+            route.fulfill(json={**done, "state": "running", "stage": "lamps"})
+        elif len(looks) < 4:
+            route.fulfill(status=503, json=OF_A_PROXY)
+        else:
+            route.continue_()
+
+    page.route(f"**/jobs/{done['id']}", look)
+    page.route("**/events", lambda route: route.fulfill(status=503, json=OF_A_PROXY))
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.get_by_text("The service does not answer just now")).to_be_visible()
+    drawn(page)
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_what_a_proxy_says_in_words_of_its_own_is_told_and_tried_again(page: Page) -> None:
+    page.route(re.compile(r"/jobs\?"), lambda route: route.fulfill(status=503, json=OF_A_PROXY))
+    page.goto("/#/jobs")
+    expect(page.get_by_role("alert")).to_contain_text("The service failed")
+    expect(page.get_by_role("alert")).to_contain_text("It answered with 503")
+    page.unroute(re.compile(r"/jobs\?"))
+    page.get_by_role("button", name="Try again").click()
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
