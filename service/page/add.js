@@ -145,7 +145,7 @@ async function submit(pair, options, once, sent, signal) {
   try {
     return await post("/jobs", { uploads, options }, once);
   } catch (error) {
-    if (error.status === 400 || error.status === 422) forget(pair); // of any other the same may do
+    if ([400, 413, 422].includes(error.status)) forget(pair); // of any other the same may do
     throw error;
   }
 }

@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import FilePayload, Page, Route, expect
 
 import drivers
+from tests.png_bombs import png_of
 
 PIECE = 8 * 2**10  # the page's own would have to pass through this process
 LONG, SHORT = bytes(20 * 2**10), b"x"  # without the flash, and with it
@@ -151,6 +152,27 @@ def test_a_pair_that_is_refused_is_not_kept(page: Page, line: Line, service: Any
     told = service.http.head(f"/uploads/{uploads['no_flash']}", headers=headers)
     assert told.status_code == 404
     assert line.pieces == [0, PIECE, 2 * PIECE, 0]
+
+
+def test_a_pair_of_too_many_pixels_is_not_kept(page: Page, service: Any) -> None:
+    """As one that is refused for another reason; the service says so with another status."""
+    page.goto("/")
+    files = [_photograph(name, png_of(40_000, 40_000)) for name in ("a.png", "b.png")]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    with (
+        page.expect_request(re.compile(r"/jobs$")) as asked,
+        page.expect_response(lambda one: one.request.method == "DELETE"),
+    ):
+        send(page)
+    expect(page.get_by_role("alert")).to_contain_text("40000 × 40000 pixels")
+    uploads = (asked.value.post_data_json or {})["uploads"]
+    headers = {"Tus-Resumable": "1.0.0"}
+
+    def is_gone() -> bool:
+        told = [service.http.head(f"/uploads/{one}", headers=headers) for one in uploads.values()]
+        return all(answer.status_code == 404 for answer in told)
+
+    service.await_that("both are removed", is_gone)
 
 
 def choose(page: Page, service: Any, key: str, *pair: bytes) -> list[tuple[str, str]]:
