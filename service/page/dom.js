@@ -116,6 +116,11 @@ export const USE = [[document, "visibilitychange"], [window, "focus"], [window, 
 
 /** Wait for so many ms, or until the window is used or no longer, or the user leaves. */
 export function pause(time, signal) {
+  return wait(time, signal, USE);
+}
+
+/** Wait for so many ms, or until a signal, or one of these targets and types of events. */
+export function wait(time, signal, sooner = []) {
   const over = new AbortController();
   return new Promise((resolve) => {
     const end = () => {
@@ -124,7 +129,7 @@ export function pause(time, signal) {
       resolve();
     };
     const timer = setTimeout(end, time);
-    for (const [target, type] of [[signal, "abort"], ...USE]) {
+    for (const [target, type] of [[signal, "abort"], ...sooner]) {
       target.addEventListener(type, end, { signal: over.signal });
     }
   });

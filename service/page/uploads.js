@@ -1,7 +1,7 @@
 // Photographs that are sent piece by piece (tus): what has come stays where the connection breaks, and is gone on with.
 
 import { isReadable, request, sendPiece } from "./api.js";
-import { pause } from "./dom.js";
+import { wait } from "./dom.js";
 import { AWAY } from "./watch.js";
 
 const PIECE = 2 ** 23; // bytes
@@ -64,7 +64,7 @@ async function persistently(file, signal, work) {
       if (GONE.includes(error.status)) begun.delete(file); // it is sent anew
       else if (error.status !== ELSEWHERE && !AWAY.includes(error.status)) throw error;
       if (failures === PAUSES_MS.length) throw error;
-      await pause(PAUSES_MS[failures++], signal);
+      await wait(PAUSES_MS[failures++], signal); // whatever window is used: the line is no better for it
       signal.throwIfAborted();
     }
   }

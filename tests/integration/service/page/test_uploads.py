@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import FilePayload, Page, Route, expect
 
 import drivers
+from tests.integration.service.page.looking import PATIENT, USE
 from tests.png_bombs import png_of
 
 PIECE = 8 * 2**10  # the page's own would have to pass through this process
@@ -173,6 +174,30 @@ def test_a_pair_of_too_many_pixels_is_not_kept(page: Page, service: Any) -> None
         return all(answer.status_code == 404 for answer in told)
 
     service.await_that("both are removed", is_gone)
+
+
+def test_whatever_window_is_used_the_line_has_its_time_to_come_back(page: Page) -> None:
+    """Looking elsewhere and back took all tries within a second."""
+    tries: list[Route] = []
+
+    def cut(route: Route) -> None:
+        tries.append(route)
+        route.abort()
+
+    page.add_init_script(PATIENT)  # the second pause never ends
+    page.route("**/uploads", cut)
+    page.goto("/")
+    files = [_photograph("a.jpg", SHORT), _photograph("b.jpg", SHORT)]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    send(page)
+    while len(tries) < 2:
+        page.wait_for_timeout(50)
+    for used in (False, True, False, True):
+        page.evaluate(USE, used)
+        page.wait_for_timeout(100)
+    assert len(tries) == 2
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
 
 
 def choose(page: Page, service: Any, key: str, *pair: bytes) -> list[tuple[str, str]]:
