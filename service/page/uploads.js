@@ -15,6 +15,7 @@ const begun = new WeakMap(); // how far each file is: path, and offset, null whe
 /** Send files, or go on with it; gives the ids of their uploads. sent(fraction): of all. signal: gives it up, with an AbortError. */
 export async function sendFiles(files, sent, signal) {
   const all = files.reduce((sum, file) => sum + file.size, 0);
+  for (const file of files) if (begun.has(file)) begun.get(file).offset = null; // it may be gone meanwhile
   for (const file of files) await persistently(file, signal, () => whereOf(file, signal)); // where one may not come, none is sent
   let before = 0;
   const ids = [];

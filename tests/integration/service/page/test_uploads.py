@@ -16,6 +16,7 @@ from tests.png_bombs import png_of
 
 PIECE = 8 * 2**10  # the page's own would have to pass through this process
 LONG, SHORT = bytes(20 * 2**10), b"x"  # without the flash, and with it
+FULL = {"type": "x", "title": "Too many jobs wait", "detail": "Send it later.", "status": 429}
 
 QUICK = """
   const later = setTimeout;
@@ -40,7 +41,7 @@ class Line:
         page.add_init_script(QUICK)
         page.route("**/uploads.js", _in_small_pieces)
         page.route("**/uploads/*", self._pass)
-        page.route(re.compile(r"/jobs$"), self._make)
+        page.route(re.compile(r"/jobs$"), self.make)
 
     def _pass(self, route: Route) -> None:
         if route.request.method == "PATCH" and not self.cut:
@@ -52,7 +53,8 @@ class Line:
         else:
             route.continue_()
 
-    def _make(self, route: Route) -> None:
+    def make(self, route: Route) -> None:
+        """Answer a request for a job."""
         self.uploads.append((route.request.post_data_json or {})["uploads"])
         route.fulfill(status=202, json=self._done)
 
@@ -174,6 +176,26 @@ def test_a_pair_of_too_many_pixels_is_not_kept(page: Page, service: Any) -> None
         return all(answer.status_code == 404 for answer in told)
 
     service.await_that("both are removed", is_gone)
+
+
+def test_a_pair_that_is_gone_before_a_job_was_made_of_it_is_sent_anew(
+    page: Page, line: Line, service: Any, done: dict[str, Any]
+) -> None:
+    """As after a day in which too many jobs waited."""
+    job = re.compile(r"/jobs$")
+    page.unroute(job)
+    page.route(job, lambda route: route.fulfill(status=429, json=FULL))
+    with page.expect_request(job) as asked:
+        send(page)
+    expect(page.get_by_role("alert")).to_contain_text("Too many jobs wait")
+    for upload in (asked.value.post_data_json or {})["uploads"].values():
+        headers = {"Tus-Resumable": "1.0.0"}
+        service.http.delete(f"/uploads/{upload}", headers=headers).raise_for_status()
+    page.unroute(job)
+    page.route(job, line.make)
+    send(page)
+    expect_whole(page, line, service, done)
+    assert line.pieces == [0, PIECE, 2 * PIECE, 0] * 2
 
 
 def test_whatever_window_is_used_the_line_has_its_time_to_come_back(page: Page) -> None:
