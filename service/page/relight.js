@@ -13,11 +13,22 @@ uniform vec3 axes;  // 1, or -1 where the normals have the axis the other way
 uniform vec3 around;
 out vec4 colour;
 ${SRGB}
+vec3 pixelAt(vec2 place) {
+  return texelFetch(normals, ivec2(clamp(place, vec2(0.0), size - 1.0)), 0).rgb;
+}
+// Between pixels, but not between one and none, which is black: that were a direction of its own.
+vec3 codeAt(vec2 place) {
+  vec2 low = floor(place - 0.5);
+  for (int next = 0; next < 4; next++) {
+    if (pixelAt(low + vec2(next % 2, next / 2)) == vec3(0.0)) return pixelAt(floor(place));
+  }
+  return textureLod(normals, place / size, 0.0).rgb;
+}
 void main() {
   float scale = min(canvas.x / size.x, canvas.y / size.y);
   vec2 place = vec2(gl_FragCoord.x, canvas.y - gl_FragCoord.y);
   vec2 point = (place - 0.5 * (canvas - scale * size)) / (scale * size);
-  vec3 code = texture(normals, point).rgb;
+  vec3 code = codeAt(point * size);
   bool outside = any(lessThan(point, vec2(0.0))) || any(greaterThan(point, vec2(1.0)));
   if (outside || code == vec3(0.0)) {
     colour = vec4(around, 1.0);
@@ -54,7 +65,8 @@ async function prepare(canvas, blob, convention, signal) {
   });
   const scale = Math.min(1, LONGEST / Math.max(whole.width, whole.height));
   const size = [Math.round(whole.width * scale), Math.round(whole.height * scale)];
-  const picture = await createImageBitmap(whole, { resizeWidth: size[0], resizeHeight: size[1] });
+  const resized = { resizeWidth: size[0], resizeHeight: size[1], resizeQuality: "pixelated" }; // between none and one lies no normal
+  const picture = await createImageBitmap(whole, resized);
   whole.close();
   if (signal.aborted) return picture.close();
   signal.addEventListener("abort", () => picture.close());

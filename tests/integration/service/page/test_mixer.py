@@ -86,6 +86,22 @@ def test_normals_of_both_conventions_are_lit_from_above(
     assert upper.mean() > 1.5 * lower.mean()
 
 
+@pytest.mark.parametrize("width", [104, 4108], ids=["enlarged", "made smaller"])
+def test_normals_have_no_rim_where_they_end(
+    page: Page, done: dict[str, Any], tmp_path: Path, width: int
+) -> None:
+    """Between one and none lies no direction: those that were shown there nobody had found."""
+    stripes = np.tile(np.array([0, 0, 1], np.float32), (60, width, 1))
+    stripes[:, np.arange(width) // 13 % 2 == 1] = np.nan
+    canvas = open_normals(page, done, stripes, tmp_path)
+    canvas.hover(position={"x": 20, "y": 400})
+    page.evaluate(TWO_FRAMES)
+    grey = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("L"))
+    row = grey[len(grey) // 2]
+    assert len(set(row.tolist())) == 2  # of what is lit, and of what is around
+    assert np.mean(row == row.max()) == pytest.approx(0.5, abs=0.05)
+
+
 def test_what_is_shown_follows_the_colours(page: Page, done: dict[str, Any]) -> None:
     open_mixer(page, done).evaluate(COUNT_DRAWN)
     page.evaluate(TWO_FRAMES)  # a frame that was asked for before
