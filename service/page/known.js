@@ -97,8 +97,8 @@ function row(name, lamp, size, changed, remove) {
         type: "number",
         required: true,
         step: "any",
-        min,
-        max,
+        min: Math.min(min, lamp[key]), // the service takes parts of pixels, too
+        max: Math.max(max, lamp[key]),
         value: lamp[key],
         "aria-label": `${name}: ${label}`,
         oninput: ({ target }) => {

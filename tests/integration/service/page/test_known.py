@@ -239,7 +239,7 @@ def test_lamps_that_the_job_was_told_of_can_be_taken_back(
     page: Page, done: dict[str, Any], service: Any
 ) -> None:
     known = {
-        "pinned_lamps": ["D65", {"x": 20.5, "y": 30, "radius": 8}],
+        "pinned_lamps": ["D65", {"x": WIDTH - 0.5, "y": 30, "radius": 8}],  # in the last column
         "forbidden_lamps": [{"x": 250, "y": 30, "radius": 12}],
     }
     told = {**done, "options": {**done["options"], **known}}
