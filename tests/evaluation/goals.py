@@ -11,6 +11,7 @@ from tests.evaluation.figures import (
     Outcome,
     angle,
     depth,
+    four_or_more,
     right,
     roughness,
     too_alike,
@@ -74,7 +75,8 @@ def failures(outcome: Outcome) -> list[Failure]:
             if r.method == "best" and r.refusal
         ]
         if "-auto" in name:
-            found += [_miscounted(name, r) for r in outcome.results[name] if not right(r)]
+            wrong = (r for r in outcome.results[name] if not (right(r) or r.refusal))
+            found += [_miscounted(name, r) for r in wrong]
     return found
 
 
@@ -99,7 +101,8 @@ def _warned(outcome: Outcome, name: str) -> bool:
 
 
 def _miscounted(experiment: str, result: Result) -> Failure:
-    text = f"{result.found} lamps found of {result.lamps}"
+    answer = "four or more" if four_or_more(result) else result.found
+    text = f"{answer} lamps found of {result.lamps}"
     return Failure(experiment, result.scene, f"{text}, confidence {result.confidence}")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from tests.evaluation import tables
 from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW
-from tests.evaluation.figures import Outcome, angle, depth, roughness
+from tests.evaluation.figures import Outcome, angle, depth, four_or_more, roughness
 from tests.evaluation.goals import failures, goals
 from tests.evaluation.plots import draw_plots
 from tests.evaluation.results import Result
@@ -64,6 +64,7 @@ def _by_scene(results: list[Result]) -> dict[str, Any]:
             error: _rounded(result.error_deg),
             "found": result.found if result.found != result.lamps else None,
             "confidence": result.confidence if result.confidence != 1.0 else None,
+            "four_or_more": four_or_more(result) or None,
             "refusal": result.refusal or None,
         }
         scene = scenes.setdefault(result.scene, {})

@@ -108,6 +108,9 @@ def test_equal_results_give_equal_files_that_hold_every_figure(tmp_path: Path) -
     assert values["scenes"][scene]["lamps"] == list(outcome.scenes[scene].lamp_names)
     four = values["experiments"]["four-auto"]["results"]["four-report-00"]
     assert {"found": {"best": 3}, "confidence": {"best": 0.95}}.items() <= four.items()
+    assert four["four_or_more"] == {"best": True}
+    two = values["experiments"]["two-auto"]["results"]
+    assert not any("four_or_more" in one for one in two.values())
     assert "snr_db" not in four
     text = (tmp_path / "a" / "evaluation.md").read_text()
     assert text.startswith("# Evaluation\n")
@@ -153,12 +156,19 @@ def test_a_refusal_and_a_wrong_number_are_failures() -> None:
     refused = changed(outcome, "two-noise", 0, snr_db=0.0, refusal="Too dark.")
     wrong = changed(outcome, "two-auto", 5, found=1, snr_db=None)
     blind = changed(outcome, "four-auto", 2, warnings=())
+    seeing_more = changed(outcome, "three-auto", 1, warnings=(_FOUR,))
+    dark = changed(outcome, "two-auto", 6, found=0, snr_db=0.0, refusal="Too dark.")
 
     found = failures(outcome)
 
     assert Failure("two-noise", refused, "refused: Too dark.") in found
     assert Failure("two-auto", wrong, "1 lamps found of 2, confidence 0.95") in found
     assert Failure("four-auto", blind, "3 lamps found of 4, confidence 0.95") in found
+    more = "four or more lamps found of 3, confidence 0.95"
+    assert Failure("three-auto", seeing_more, more) in found
+    assert [one.text for one in found if (one.experiment, one.scene) == ("two-auto", dark)] == [
+        "refused: Too dark."
+    ]
 
 
 @pytest.mark.parametrize(
