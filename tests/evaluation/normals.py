@@ -270,7 +270,7 @@ def _write(found: list[Figures], table: str) -> None:
         own = [best[thing.name, name] for name in CONDITIONS]
         first = [thing.name, str(thing.materials)]
         errors.append([*first, *(f"{one.error_deg:.2f}" for one in own)])
-        depths.append([*first, *(f"{100 * (one.depth_error or 0):.2f}" for one in own)])
+        depths.append([*first, *map(_depth_percent, own)])
     parts = [
         _HEAD.read_text(encoding="utf-8").rstrip(),
         table,
@@ -282,6 +282,10 @@ def _write(found: list[Figures], table: str) -> None:
     (_DOCS / "normals.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     text = json.dumps([_rounded(one) for one in found], indent=1, allow_nan=False)
     (_DOCS / "normals.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _depth_percent(figures: Figures) -> str:
+    return "–" if figures.depth_error is None else f"{100 * figures.depth_error:.2f}"
 
 
 def _rounded(figures: Figures) -> dict[str, Any]:

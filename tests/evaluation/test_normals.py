@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.evaluation import normals
 from tests.evaluation.normals import CONDITIONS, Figures, measure, rows
 from tests.evaluation.objects import OBJECTS
 
@@ -73,6 +76,27 @@ def test_rows_are_medians_and_worst_values() -> None:
         "2.00 / 4.00",
         "6.00 / 1.00",
     ]
+
+
+def test_a_refused_object_has_no_depth_and_so_no_good_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(normals, "_DOCS", tmp_path)
+    found = [
+        Figures(name, thing.name, thing.materials, "best", 0.5, 1.0, 0.0123, 2.0, 0.3, "", 1.0)
+        for name in CONDITIONS
+        for thing in OBJECTS["report"]
+    ]
+    refused = Figures("two lamps", "egg", 1, "best", 90.0, 0.0, None, None, None, "Too dark.", 1.0)
+    places = [(one.condition, one.object) for one in found]
+    found[places.index(("two lamps", "egg"))] = refused
+
+    normals._write(found, "| |")
+
+    egg = [line for line in (tmp_path / "normals.md").read_text().splitlines() if "| egg |" in line]
+    errors, depths = ([cell.strip() for cell in line.split("|")[3:-1]] for line in egg)
+    assert errors == [*["0.50"] * (len(CONDITIONS) - 1), "90.00"]
+    assert depths == [*["1.23"] * (len(CONDITIONS) - 1), "–"]
 
 
 def test_conditions_say_what_they_are_named() -> None:
