@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tempfile
 import time
 from dataclasses import asdict, astuple, dataclass, replace
 from functools import cache
@@ -167,9 +168,9 @@ def _read(path: Path) -> Result | None:
 
 def _write(path: Path, result: Result) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    whole = path.with_suffix(".tmp")
-    whole.write_text(json.dumps(asdict(result)), encoding="utf-8")
-    whole.replace(path)
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+        file.write(json.dumps(asdict(result)).encode())
+    Path(file.name).replace(path)  # whole or not at all, also when two runs write at once
 
 
 def _key(scene: Scene, condition: Condition, method: str) -> str:

@@ -125,6 +125,24 @@ def test_a_broken_file_is_computed_anew(tmp_path: Path, content: str) -> None:
     assert json.loads(path.read_text())["method"] == "equal"
 
 
+def test_two_runs_may_write_the_same_result_at_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (one,) = run_scene(scene(), SMALL, ("equal",))
+    path, replaced = tmp_path / "results" / "same.json", Path.replace
+
+    def overtaken(whole: Path, to: Path) -> Path:
+        monkeypatch.setattr(Path, "replace", replaced)
+        results._write(path, one)  # by the other run
+        return replaced(whole, to)
+
+    monkeypatch.setattr(Path, "replace", overtaken)
+    results._write(path, one)
+
+    assert results._read(path) == one
+    assert [file.suffix for file in path.parent.iterdir()] == [".json"] * 2
+
+
 def test_a_refusal_is_no_light_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_: Shot) -> Answer:
         raise UnusablePairError("The lamps are too alike.")
