@@ -68,6 +68,7 @@ def _job(name: str, rounds: int) -> dict[str, Any]:
     used = medians(whole)
     by_stage = {key: median(one[key] for one in stages) for key in stages[0]}
     least = {key: median(one[key] for one in floors) for key in floors[0]}
+    least["align"] = min(least["align"], by_stage["align"])  # ECC may take longer
     return {
         "cpu_s": used.cpu_s,
         "wall_s": used.wall_s,

@@ -19,6 +19,7 @@ def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Sequence[s
     """Measure nothing, with figures that grow from call to call; the jobs that were to be run."""
     jobs: list[Sequence[str]] = []
     rounds = count()
+    leanest = {"decode": 1.0, "align": 3.0}
 
     def run(command: Sequence[str]) -> Usage:
         jobs.append(command)
@@ -39,8 +40,8 @@ def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Sequence[s
     monkeypatch.setattr(tasks, "start", lambda files: {"first_byte_s": len(files)})
     monkeypatch.setattr(quality, "measure", lambda cpu: {"fast": cpu("fast")})
     monkeypatch.setattr(module, "pair_files", lambda name: (Path(name, "a"), Path(name, "b")))
-    monkeypatch.setattr(module, "floor", lambda *_: {"decode": 1.0, "layers": next(rounds) % 2})
-    monkeypatch.setattr(module, "_stages", lambda _: {"decode": 2.0, "lamps": 6.5})
+    monkeypatch.setattr(module, "floor", lambda *_: leanest | {"layers": next(rounds) % 2})
+    monkeypatch.setattr(module, "_stages", lambda _: {"decode": 2.0, "align": 2.0, "lamps": 6.5})
     monkeypatch.setattr(kernel, "measure", lambda: {"memcpy_ratio": 10.0})
     monkeypatch.setattr(align, "measure", lambda pair: {"pair": pair})
     monkeypatch.setattr(module, "report", lambda figures: f"{len(figures)} parts")
@@ -71,9 +72,9 @@ def test_the_short_bench_prints_the_kernel_and_one_job(
             "cpu_s": 12,
             "wall_s": 4.0,
             "peak_mb": 300.0,
-            "floor_ratio": 6.0,
-            "stages_cpu_s": {"decode": 2.0, "lamps": 6.5},
-            "floor_cpu_s": {"decode": 1.0, "layers": 1},
+            "floor_ratio": 3.0,  # 12 over 4: the job's own alignment is the leanest that is known
+            "stages_cpu_s": {"decode": 2.0, "align": 2.0, "lamps": 6.5},
+            "floor_cpu_s": {"decode": 1.0, "align": 2.0, "layers": 1},
         }
     }
     assert figures["start"] == {"first_byte_s": 2}
