@@ -21,6 +21,9 @@ _STYLES: dict[str, tuple[str, str]] = {
     "paper_joint": ("joint", "tab:purple"),
     "von_kries": ("von Kries", "tab:brown"),
 }
+LOWEST_DB = -10.0
+"""Of the scenes for each basis: what is worse is drawn there."""
+
 _COMPARED = ("paper", "best", "best_3x3")
 _EXPOSURES = {"": 1.0, "-half": 1 / 2, "-quarter": 1 / 4, "-eighth": 1 / 8}
 
@@ -47,13 +50,13 @@ def _bases(outcome: Outcome) -> Figure:
         values = outcome.snr("two", method)
         label = "weighted PCA" if method == "paper" else _STYLES[method][0]
         axes.plot(
-            [max(values[scene], -10.0) for scene in ranked],
+            [max(values[scene], LOWEST_DB) for scene in ranked],
             "o-",
             ms=3,
             color=_STYLES[method][1],
             label=label,
         )
-    axes.set_ylim(bottom=-11)
+    axes.set_ylim(bottom=LOWEST_DB - 1)
     axes.legend(fontsize=8)
     return figure
 

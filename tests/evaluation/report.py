@@ -11,7 +11,7 @@ from tests.evaluation import tables
 from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW
 from tests.evaluation.figures import Outcome, angle, depth, four_or_more, roughness
 from tests.evaluation.goals import failures, goals
-from tests.evaluation.plots import draw_plots
+from tests.evaluation.plots import LOWEST_DB, draw_plots
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import Scene
 from tests.evaluation.white_balance import BALANCES
@@ -95,7 +95,10 @@ def _text(outcome: Outcome) -> str:
         tables.markdown(tables.compared(outcome, [*_SWEEPS, *compared], FEW)),
         "## Bases (figure 2)\n\nThe published method with each of its bases, on two lamps.",
         tables.markdown(tables.compared(outcome, ["two"], (*BASES, "paper"))),
-        _picture("bases", "Joint SNR of every scene with two lamps, for three bases"),
+        _picture(
+            "bases",
+            f"Joint SNR of every scene with two lamps, for three bases, not below {LOWEST_DB:g} dB",
+        ),
         "## Angle between two lamps (figure 4)\n\nMedian joint SNR in dB, files without noise.",
         tables.markdown(tables.curves(outcome, "angle", FEW, angle, "angle °")),
         "Median error of the lamps' coefficients, files without noise:",

@@ -117,7 +117,7 @@ def test_equal_results_give_equal_files_that_hold_every_figure(tmp_path: Path) -
     assert f"| two | {scene} | 4.7 dB below the published method, 12.3 dB |" in text
     assert "| best_1 | 0.20° / 35.0 dB |" in text
     assert "| white balance, two lamps: colour, ° | 0.20 | ≤ 0.35 | yes |" in text
-    assert "![" in text
+    assert "for three bases, not below -10 dB](images/evaluation_bases.png)" in text
     for name in [line.split("](")[1][:-1] for line in text.splitlines() if line[:2] == "!["]:
         assert (tmp_path / "a" / name).is_file()
 
