@@ -17,12 +17,15 @@ CORNERS = np.array([(0, 0), (COLUMNS - 1, 0), (COLUMNS - 1, ROWS - 1), (0, ROWS 
 """Their places (4, 2), column and row."""
 
 
-def colour_misfit(light: Array) -> float:
-    """Relative error that the best matrix from the patches' XYZ to their light (24, 3) leaves.
+def colour_misfit(light: Array, patches: NDArray[np.intp] | None = None) -> float:
+    """Relative error that the best matrix from the patches' XYZ to their light (n, 3) leaves.
 
-    Light of one colour on the patches, in their order, leaves a few hundredths.
+    patches: (n,) which of the 24 they are, row by row from 0; None for all, in their order. Light
+    of one colour on them leaves a few hundredths.
     """
     xyz = colorchecker_spectra() @ cie_1931().T
+    if patches is not None:
+        xyz = xyz[patches]
     weight = 1 / np.maximum(light.sum(axis=1, keepdims=True), 1e-12)
     left = light - xyz @ np.linalg.lstsq(xyz * weight, light * weight, rcond=None)[0]
     return float(np.sqrt(np.mean(np.square(left * weight)) / np.mean(np.square(light * weight))))

@@ -22,6 +22,7 @@ _NEXT = (0.9, 1.6)  # distance of neighbouring patches by their side
 _BESIDE = 0.3  # of that distance, by which a neighbour may be beside its place
 _NEAR = 0.2  # of a patch's pitch: so far its area may be from where the grid has it
 _LIKE = 0.22  # relative error of any 3 × 3 matrix from XYZ to the patches' light
+_UNLIKE = 0.5  # the same of areas as they were grown, some astray: tiles and chequers have more
 _MOSTLY = 0.8  # of the areas that a chart could hold of those in a row
 _TURNS = np.array([[(1, 0), (0, 1)], [(0, 1), (-1, 0)], [(-1, 0), (0, -1)], [(0, -1), (1, 0)]])
 _GRID = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
@@ -48,13 +49,24 @@ def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
     whole = np.ascontiguousarray(light, np.float32)
     resized = cv2.resize(whole, size, interpolation=how).astype(np.float32, copy=False)
     quads = find_quads(on_screen(resized), _AREAS)
+    colours = _area_colours(resized, quads)
     found: list[FoundChart] = []
     for members in _lattices(quads):
-        chart = _best_placed(resized, quads, members)
+        chart = _best_placed(resized, quads, colours, members)
         if chart and not any(_same(chart, other) for other in found):
             found.append(chart)
     found.sort(key=lambda chart: chart.misfit)
     return [FoundChart(one.corners / scale, one.misfit, one.patches) for one in found]
+
+
+def _area_colours(light: NDArray[np.float32], quads: list[Quad]) -> Array:
+    """Mean light (n, 3) about the middles of areas."""
+    colours = np.empty((len(quads), 3))
+    for colour, quad in zip(colours, quads, strict=True):
+        (x, y), reach = (quad.middle - 0.5).round().astype(int), max(1, int(0.15 * quad.side))
+        about = light[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+        colour[:] = about.mean(axis=(0, 1))
+    return colours
 
 
 def _lattices(quads: list[Quad]) -> list[dict[tuple[int, int], int]]:
@@ -125,11 +137,17 @@ def _quarter_turns(first: Array, second: Array) -> list[tuple[Array, Array]]:
 
 
 def _best_placed(
-    light: NDArray[np.float32], quads: list[Quad], members: dict[tuple[int, int], int]
+    light: NDArray[np.float32],
+    quads: list[Quad],
+    colours: Array,
+    members: dict[tuple[int, int], int],
 ) -> FoundChart | None:
-    """The chart that holds many of these areas, and fits their colours best; None without one."""
+    """The chart that holds many of these areas, and fits their colours best; None without one.
+
+    colours: (n, 3) of all areas.
+    """
     places = np.array(list(members))
-    points = np.array([quads[index].middle for index in members.values()])
+    indices = np.array(list(members.values()))
     windows = []
     for turn in _TURNS:
         at = places @ turn.T
@@ -138,13 +156,15 @@ def _best_placed(
             for row in range(low[1] - ROWS + 2, high[1]):
                 own = at - (column, row)
                 inside = ((own >= 0) & (own < (COLUMNS, ROWS))).all(axis=1)
-                windows.append((int(inside.sum()), own[inside].astype(float), points[inside]))
-    most = max(count for count, _, _ in windows)
+                windows.append((own[inside], indices[inside]))
+    most = max(len(held) for _, held in windows)
     middles = np.array([quad.middle for quad in quads])
     charts = [
-        _chart(light, middles, own, seen)
-        for count, own, seen in windows
-        if count >= max(_LEAST, _MOSTLY * most)
+        _chart(light, middles, own.astype(float), middles[held])
+        for own, held in windows
+        # homographies take milliseconds, and a wall of tiles has thousands of windows
+        if len(held) >= max(_LEAST, _MOSTLY * most)
+        and colour_misfit(colours[held], own @ (1, COLUMNS)) <= _UNLIKE
     ]
     return min(filter(None, charts), key=lambda chart: chart.misfit, default=None)
 

@@ -30,3 +30,10 @@ def test_a_matrix_of_the_patches_colours_leaves_nothing() -> None:
 
 def test_patches_in_another_order_leave_much() -> None:
     assert colour_misfit(XYZ[::-1]) > 0.3
+
+
+def test_some_of_the_patches_are_held_against_their_own_colours() -> None:
+    light, some = XYZ @ np.diag([0.9, 1.0, 0.7]), np.array([3, 17, 0, 8, 21, 12])
+
+    assert colour_misfit(light[some], some) == pytest.approx(0, abs=1e-9)
+    assert colour_misfit(light[some], np.roll(some, 1)) > 0.2

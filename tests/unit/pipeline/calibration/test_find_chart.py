@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.calibration import find_chart as module
 from pipeline.calibration.find_chart import _colours, find_charts
 from tests.cluttered import Plan, Room, photograph_room
 
@@ -32,6 +33,17 @@ def test_both_of_two_charts_are_found() -> None:
 def test_what_is_no_whole_chart_is_not_taken_for_one(target: str, plan: Plan) -> None:
     room = photograph_room("chart" if target == "chart" else "none", 4, plan)
     assert find_charts(_flash(room)) == []
+
+
+def test_a_chequered_wall_is_seen_not_to_be_one_by_its_colours(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Thousands of places on it could hold a chart, each of which takes milliseconds to look at."""
+    looked_at: list[int] = []
+    monkeypatch.setattr(module, "_chart", lambda *_: looked_at.append(1))
+    y, x = np.mgrid[:200, :300] // 10
+    assert find_charts(np.repeat(((x + y) % 2 * 0.8 + 0.1)[..., None], 3, axis=2)) == []
+    assert looked_at == []
 
 
 def test_a_black_picture_holds_nothing() -> None:
