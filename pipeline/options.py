@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -47,8 +48,21 @@ Quality = Literal["best", "balanced", "fast"]
 Method = Literal["best", "paper"]
 """Ours, or the published one (Hui et al. 2018)."""
 
+
+def _at_most_three(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("the number of lamps is 1, 2, 3 or auto")
+    if isinstance(value, int) and value > 3:
+        raise ValueError(
+            "more than three lamps have no unique answer with three colour channels and one "
+            "flash; ask for 1, 2, 3 or auto"
+        )
+    return value
+
+
 Lights = Annotated[
     Literal["auto", 1, 2, 3],
+    BeforeValidator(_at_most_three),
     # Programs that make clients out of the schema know no list of words and numbers.
     WithJsonSchema(
         {"anyOf": [{"const": "auto", "type": "string"}, {"enum": [1, 2, 3], "type": "integer"}]}
@@ -254,18 +268,6 @@ class Options(PairOptions):
     outputs: Literal["default", "all"] | Annotated[list[str], Field(max_length=100)] = Field(
         default="default", description=f"Files to write: {', '.join(OUTPUT_NAMES)}."
     )
-
-    @field_validator("lights", mode="before")
-    @classmethod
-    def _at_most_three(cls, value: object) -> object:
-        if isinstance(value, bool):
-            raise ValueError("the number of lamps is 1, 2, 3 or auto")
-        if isinstance(value, int) and value > 3:
-            raise ValueError(
-                "more than three lamps have no unique answer with three colour channels and one "
-                "flash; ask for 1, 2, 3 or auto"
-            )
-        return value
 
     @model_validator(mode="after")
     def _lamps_in_keeping(self) -> Options:

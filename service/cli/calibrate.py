@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli.files import read_file, read_table, shown
-from service.cli.numbers import circle, read_numbers
+from service.cli.numbers import circle, lamps_asked_for, read_numbers
 from service.cli.options import MaybeFlash, PairFlags, with_flags
 from service.cli.parameters import AsJson, output
 
@@ -157,7 +157,7 @@ def lamps(
     own = {
         "sphere": _circle(sphere, "sphere"),
         "mirror": mirror,
-        "lights": int(lights) if lights.isdecimal() else lights,
+        "lights": lamps_asked_for(lights),
         "focal_px": focal_px,
     }
     _calibrate("lamps", flags, output, own)

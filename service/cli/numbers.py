@@ -16,3 +16,9 @@ def read_numbers(text: str) -> list[float] | None:
 def circle(numbers: Sequence[float]) -> dict[str, float]:
     """Name the three numbers of X,Y,RADIUS. Raises ValueError where there are not three."""
     return dict(zip(("x", "y", "radius"), numbers, strict=True))
+
+
+def lamps_asked_for(text: str) -> int | str:
+    """Read a number of lamps; what is none, like auto, stays as it is, and so do endless digits."""
+    # of more than 4,300 Python makes no number
+    return int(text) if text.isdecimal() and len(text) < 10 else text

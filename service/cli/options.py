@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from service.cli.files import read_file, read_table
-from service.cli.numbers import circle, read_numbers
+from service.cli.numbers import circle, lamps_asked_for, read_numbers
 
 if TYPE_CHECKING:
     from pipeline.options import Options
@@ -190,7 +190,7 @@ class Flags(PairFlags):
 
         values = {
             "setup": self.setup,
-            "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
+            "lights": lamps_asked_for(self.lights),
             "method": self.method,
             "quality": self.quality,
             "basis": self.basis,
