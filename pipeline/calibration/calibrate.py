@@ -86,6 +86,8 @@ def calibrate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     progress.report("decode", 1.0)
+    if options.setup is not None:
+        _check_camera_told(before)
     if isinstance(options, CameraCalibration):
         _check_sensor(before)
     unfit = named_warnings(options, before)
@@ -118,6 +120,15 @@ def calibrate_files(
     }
     write_manifest(directory, manifest)
     return manifest
+
+
+def _check_camera_told(frame: Frame) -> None:
+    """Refuse to keep what no separation could be known to fit. Raises OptionError."""
+    if not frame.model:
+        raise OptionError(
+            "The photographs do not say of which camera they are, so that nothing can be kept for "
+            "it: leave the set-up out, and name what is found in later separations."
+        )
 
 
 def _check_sensor(frame: Frame) -> None:

@@ -33,11 +33,6 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     from service import durable
 
     taken_with = TakenWith.model_validate(manifest["taken_with"])
-    if not taken_with.model:
-        raise InputError(
-            "The photographs do not say of which camera they are, so that nothing can be kept for "
-            "it: write a file with --output, and name it in later separations."
-        )
     parts = [taken_with.make, taken_with.model, taken_with.body]
     parts += ["rendered"] if taken_with.rendered else []
     if kind != "flash":  # whose spectrum is the same, but approximate when found with renderings

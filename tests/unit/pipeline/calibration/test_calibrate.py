@@ -299,10 +299,21 @@ def test_one_lamp_that_is_kept_is_warned_of(
         "deviations_deg": np.ones(count),
     }
     monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(**few))
+    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), model="D5100"))
     warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE, setup=setup)["warnings"]
     said = [one["message"] for one in warnings if one["code"] == "kept_unusable"]
     assert len(said) == warned
     assert all("kept for the set-up 'table' will be left out" in message for message in said)
+
+
+@pytest.mark.parametrize("kind", ["flash", "camera", "lamps"])
+def test_nothing_is_kept_for_a_camera_that_is_not_known(
+    chart: Shot, tmp_path: Path, kind: str
+) -> None:
+    """No separation would ever use it."""
+    with pytest.raises(OptionError, match=r"of which camera they are.*: leave the set-up out"):
+        _run(chart, tmp_path, kind=kind, setup="default")
+    assert list(tmp_path.iterdir()) == []
 
 
 def _lamps(**more: Any) -> LampsEstimate:

@@ -115,12 +115,6 @@ def test_without_a_setting_it_is_the_users_own_folder(
     assert folder().parts[-2:] == ("lightlayers", "calibrations")
 
 
-def test_nothing_is_kept_for_a_camera_that_is_not_known() -> None:
-    with pytest.raises(InputError, match="write a file with --output"):
-        keep("flash", "table", _manifest(model=""), CONTENT, MARKS)
-    assert kept_for("table") == []
-
-
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("a file")
     with pytest.raises(InputError, match=r"lamps_.*json cannot be written: "):
