@@ -31,6 +31,7 @@ _WORDS = (
     (r" or instance of \w+$| after validation| or object to extract fields from$", ""),
     (r"\bvalid dictionary\b", "valid object"),
     (r"\bvalid tuple\b", "valid list"),
+    (r"^Tuple\b", "List"),
     (r"^Dictionary\b", "The object"),
 )
 """Python's words, and those of people who write JSON."""

@@ -44,6 +44,10 @@ def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expe
         ({"kind": "lens"}, "'kind' should be one of 'flash', 'camera', 'lamps'."),
         (3, "Input should be a valid object."),
         ({"kind": "flash", "chart": 3}, "flash.chart: Input should be a valid list."),
+        (
+            {"kind": "flash", "chart": [[1, 2]] * 5},
+            "flash.chart: List should have at most 4 items, not 5.",
+        ),
     ],
 )
 def test_a_fault_of_a_calibration_is_one_sentence(options: object, expected: str) -> None:
