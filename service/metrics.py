@@ -30,7 +30,8 @@ STAGE_SECONDS = Histogram(
     buckets=_STAGE_SECONDS,
 )
 TAKEOVERS = Counter(
-    "lightlayers_takeovers", "Jobs of dead workers that this process put back into the queue."
+    "lightlayers_takeovers",
+    "Jobs that this process put back into the queue, of workers that died or were stopped.",
 )
 STORE_ERRORS = Counter("lightlayers_store_errors", "Times that the store failed this process.")
 
