@@ -210,7 +210,7 @@ def _held_against(
     if not doubts:
         darkened = max(darkened, darker_share(ratios, rendered))
         warnings += darkening_warnings(settled, ratios, darkened)
-    warnings += unsteady_warnings(ratios, moved)
+    warnings += unsteady_warnings(ratios, moved, no_flash.orientation)
     return _Held(after, noises, settled, unusable, moved, tuple(warnings))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.decode.samples import turns_sides
 from pipeline.images.area_means import area_means
 from pipeline.images.frames import Frame, Photograph
 from pipeline.pair.align import Alignment
@@ -102,8 +103,11 @@ def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> li
     return [RunWarning(Code.LIGHT_CHANGED, message, {"share": share})]
 
 
-def unsteady_warnings(ratios: Ratios, moved: float) -> list[RunWarning]:
-    """What moved or flickered between the photographs, and how to shoot without it."""
+def unsteady_warnings(ratios: Ratios, moved: float, orientation: int) -> list[RunWarning]:
+    """What moved or flickered between the photographs, and how to shoot without it.
+
+    orientation: EXIF's, 1–8, by which the sensor's pictures were turned.
+    """
     warnings = []
     if moved > NOTABLE_MOTION:
         message = (
@@ -112,7 +116,10 @@ def unsteady_warnings(ratios: Ratios, moved: float) -> list[RunWarning]:
             "the two photographs in quick succession."
         )
         warnings.append(RunWarning(Code.MOVED, message, {"share": moved}))
-    height = bands(ratios)
+    rows, columns = ratios.usable.shape
+    # sensors lie; who turned the pixels themselves left no orientation
+    upright = turns_sides(orientation) or rows > columns
+    height = bands(ratios.transposed() if upright else ratios)
     if height is not None:
         message = (
             f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "

@@ -71,6 +71,16 @@ class Ratios:
         """Leave out the blocks that hold a pixel of a mask (H, W)."""
         return replace(self, usable=self.usable & ~any_in_blocks(pixels, self.block))
 
+    def transposed(self) -> Ratios:
+        """The same with rows and columns changed, (w, h)."""
+        return Ratios(
+            self.no_flash.transpose(1, 0, 2),
+            self.logs.transpose(1, 0, 2),
+            self.noise.transpose(1, 0, 2),
+            self.usable.T,
+            self.block,
+        )
+
 
 def block_ratios(
     no_flash: Photograph, flash: Photograph, unusable: Mask, noises: tuple[Noise, Noise]
@@ -162,10 +172,11 @@ def _noise_of_means(ratios: Ratios) -> Array:
 def bands(ratios: Ratios) -> float | None:
     """Height of periodic bands along the rows, relative to the light; None where there are none.
 
-    A lamp that flickers with the mains, read out row by row, leaves them in the ratio of two
-    photographs, in all channels at once, and in their difference; stripes of a surface differ in
-    colour, and those of light behind a blind are not in what the flash added. Fewer than five to
-    the picture cannot be told from the fall-off of the flash.
+    ratios: their rows those of the sensor. A lamp that flickers with the mains, read out row by
+    row, leaves them in the ratio of two photographs, in all channels at once, and in their
+    difference; stripes of a surface differ in colour, and those of light behind a blind are not in
+    what the flash added. Fewer than five to the picture cannot be told from the fall-off of the
+    flash.
     """
     logs = np.where(ratios.usable[..., None], ratios.logs, np.nan)
     rows, columns = (_waves(planes) for planes in (logs, logs.transpose(1, 0, 2)))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.pair import make_pair
-from pipeline.pair.pair_warnings import rendering_warnings
+from pipeline.pair.pair_warnings import rendering_warnings, unsteady_warnings
+from pipeline.pair.steadiness import Ratios
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
 
@@ -100,3 +101,49 @@ def test_linear_values_may_be_exposed_as_they_like(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
     assert warned(frames(scale=0.5, auto_white_balance=True), 0.5) == ()
+
+
+def banded(rows: int, columns: int, down: bool) -> Ratios:
+    """Blocks whose ratio has twelve waves of 5 %, down the rows of the picture or across them."""
+    y, x = np.mgrid[:rows, :columns] / np.array([rows, columns])[:, None, None]
+    waves = 0.05 * np.sin(2 * np.pi * 12 * (y if down else x))
+    logs = np.repeat(waves[..., None], 3, axis=2)
+    usable = np.ones((rows, columns), bool)
+    return Ratios(np.ones_like(logs), logs, np.full_like(logs, 1e-3), usable, 1)
+
+
+@pytest.mark.parametrize(
+    ("size", "orientation", "down"),
+    [
+        ((150, 200), 1, True),
+        ((150, 200), 3, True),
+        ((200, 150), 6, False),
+        ((200, 150), 8, False),
+        ((200, 150), 1, False),
+        ((180, 180), 1, True),
+        ((180, 180), 5, False),
+        ((180, 180), 7, False),
+    ],
+)
+def test_bands_run_along_the_rows_of_the_sensor(
+    size: tuple[int, int], orientation: int, down: bool
+) -> None:
+    """Of an upright picture they are columns, whether its file says that it was turned or not."""
+    (warning,) = unsteady_warnings(banded(*size, down), 0.0, orientation)
+
+    assert warning.code == "flicker"
+    assert warning.figures["height"] == pytest.approx(0.05, rel=0.1)
+    assert unsteady_warnings(banded(*size, not down), 0.0, orientation) == []
+
+
+def test_lamps_that_flicker_are_told_of_an_upright_pair(frame: Callable[..., Frame]) -> None:
+    rng = np.random.default_rng(6)
+    surfaces = rng.uniform(0.2, 0.8, (12, 16, 3)).repeat(16, 0).repeat(16, 1)
+    y = np.arange(192)[:, None, None] / 192
+    lamps = 0.5 * surfaces * [1.0, 0.7, 0.4]
+    one, other = (lamps * (1 + 0.15 * np.sin(2 * np.pi * (9 * y + phase))) for phase in (0.1, 0.45))
+    lying = [light + rng.normal(0, 1e-3, light.shape) for light in (one, other + 0.3 * surfaces)]
+    given = {"exposure": EXPOSURE, "orientation": 6, "written_orientation": 6}
+    before, after = (frame(np.rot90(light, -1), **given) for light in lying)
+
+    assert [warning.code for warning in warned((before, after))] == ["flicker"]
