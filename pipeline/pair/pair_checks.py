@@ -23,6 +23,7 @@ _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02  # share of the pixels that the flash must reach
 _ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
+_DARKER_ALONE = 0.05  # the same where hardly any gain light; a flash need not reach everything
 _SMALLEST = 32  # pixels, of the shorter side
 _MOST_RATIO = 100  # times the shorter side, into which blocks must fit; no photograph is longer
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
@@ -181,7 +182,9 @@ def check_flash_adds(
         raise UnusablePairError(
             "Every pixel is clipped in one of the photographs: expose both shorter."
         )
-    if np.mean(part[open_] < -2 * noise[open_]) > _DARKER:
+    adds = np.mean(part[open_] > 3 * noise[open_]) >= _MIN_USABLE
+    darker_alone = not adds and np.mean(part[open_] < -3 * noise[open_]) > _DARKER_ALONE
+    if darker_alone or np.mean(part[open_] < -2 * noise[open_]) > _DARKER:
         if given_ratio is not None:
             raise UnusablePairError(
                 f"With the exposure ratio given, {given_ratio:.3g}, the photograph with the flash "
@@ -192,7 +195,7 @@ def check_flash_adds(
             "The photograph with the flash is darker than the one without it: swap the two, or "
             "pass the exposure ratio if the camera did not write it."
         )
-    if np.mean(part[open_] > 3 * noise[open_]) < _MIN_USABLE:
+    if not adds:
         raise UnusablePairError(
             "The flash adds too little light to measure: bring it nearer, raise its power, or "
             "shorten both exposures."

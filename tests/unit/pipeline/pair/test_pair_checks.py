@@ -263,6 +263,29 @@ def test_a_swapped_pair_is_told_by_its_light(
         paired((after, before))
 
 
+@pytest.mark.parametrize("reach", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize(
+    ("ratio", "told"),
+    [
+        (None, "The photograph with the flash is darker than the one without it: swap the two"),
+        (1.0, "With the exposure ratio given, 1, the photograph with the flash is darker than "),
+    ],
+)
+def test_a_swapped_pair_is_told_by_its_light_however_far_the_flash_reaches(
+    frames: Callable[..., tuple[Frame, Frame]], reach: float, ratio: float | None, told: str
+) -> None:
+    """Elsewhere the two differ by no more than their noise."""
+    before, after = (np.array(one.pixels[:]) for one in frames())
+    edge = round(reach * before.shape[1])
+    grain = np.random.default_rng(8).normal(0, 0.002, before.shape).astype(np.float32)
+    after[:, edge:] = (before + grain)[:, edge:]
+    one, other = frames()
+    swapped = replace(one, pixels=after), replace(other, pixels=before)
+
+    with pytest.raises(UnusablePairError, match=f"^{told}"):
+        paired(swapped, exposure_ratio=ratio, align=False)
+
+
 def test_an_exposure_ratio_that_was_given_is_named_where_the_light_is_missing(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
@@ -349,6 +372,9 @@ def test_black_is_what_the_hundredth_brightest_pixel_is(
         (-2.2, 0.65, 100.0, "is darker than the one without it"),
         (-2.2, 0.55, 100.0, None),
         (-1.8, 1.0, 0.0, "adds too little light"),
+        (-3.2, 0.04, 0.0, "adds too little light"),
+        (-3.2, 0.07, 0.0, "is darker than the one without it"),
+        (-2.8, 0.55, 0.0, "adds too little light"),
     ],
 )
 @pytest.mark.parametrize("clipped", [-100.0, 100.0])
