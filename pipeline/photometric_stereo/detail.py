@@ -65,7 +65,11 @@ def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
 
 
 def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:
-    """Some rows of a field (h, w, C) at the picture's own size, bilinear; 0 outside."""
+    """Some rows of a field (h, w, C) at the picture's own size, bilinear.
+
+    Beyond the middles of its last pixels, as in what is left over of the picture after whole
+    blocks, the field stays as it is there.
+    """
     y, x = (
         (np.arange(start, stop, dtype=np.float32) + 0.5) / block - 0.5
         for start, stop in ((rows.start, rows.stop), (0, width))
@@ -79,7 +83,13 @@ def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> 
             across = _around(x[part[1]], planes.shape[2])
             xs, ys = np.meshgrid(x[part[1]] - across.start, y[part[0]] - down.start)
             for channel, plane in enumerate(planes):
-                spread[(*part, channel)] = cv2.remap(plane[down, across], xs, ys, cv2.INTER_LINEAR)
+                spread[(*part, channel)] = cv2.remap(
+                    plane[down, across],
+                    xs,
+                    ys,
+                    cv2.INTER_LINEAR,
+                    borderMode=cv2.BORDER_REPLICATE,
+                )
     return spread
 
 

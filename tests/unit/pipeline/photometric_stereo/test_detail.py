@@ -154,15 +154,35 @@ def test_a_side_of_any_length_is_spread(axis: int, block: int) -> None:
     size = (length, 4 * block) if axis == 0 else (4 * block, length)
     found = np.moveaxis(spread(field, block, slice(0, size[0]), size[1]), axis, 0)
 
-    middle = 2 * block  # of the other axis, where nothing outside plays a part
-    inside = slice(block, blocks * block - block)
-    place = (np.arange(length)[inside] + 0.5) / block - 0.5
+    place = (np.arange(length) + 0.5) / block - 0.5
     expected = np.interp(place, np.arange(blocks), along)
-    np.testing.assert_allclose(found[inside, middle, 0], expected, atol=0.02)
-    np.testing.assert_allclose(found[inside, middle].sum(axis=1), 1, atol=1e-5)
+    for across in (0, 2 * block):
+        np.testing.assert_allclose(found[:, across, 0], expected, atol=0.02)
+        np.testing.assert_allclose(found[:, across].sum(axis=1), 1, atol=1e-5)
     part = slice(17_000, 17_010)
     if axis == 0:
         np.testing.assert_array_equal(spread(field, block, part, size[1]), found[part])
+
+
+@pytest.mark.parametrize("left_over", [(0, 0), (3, 0), (0, 3), (2, 3)])
+def test_a_surface_is_known_to_the_edges_of_the_picture(
+    ripples: Array, left_over: tuple[int, int]
+) -> None:
+    """Also in the pixels that are left over of it after whole blocks; as are their details."""
+    height, width = (SIZE - 4 + pixels for pixels in left_over)
+    side = SIZE // BLOCK - 1
+    surface = flat(BLOCK)
+    blocks = ("mask", "cut", "w", "z", "lit", "deviations", "correction")
+    surface = replace(surface, **{name: getattr(surface, name)[:side, :side] for name in blocks})
+    true = ripples[:height, :width]
+    smooth = np.broadcast_to([0.0, 0.0, 1.0], true.shape).astype(np.float32)
+
+    depth = surface_depth(surface, (height, width))
+    found = surface_normals(strip_of(true, slice(0, height)), surface)
+
+    np.testing.assert_array_equal(depth, np.ones((height, width)))
+    for edge in (np.s_[:3], np.s_[-3:], np.s_[:, :3], np.s_[:, -3:]):
+        assert angle(found[edge], true[edge]) < 0.6 * angle(smooth[edge], true[edge])
 
 
 def test_depth_and_normals_of_a_long_picture_are_found() -> None:
