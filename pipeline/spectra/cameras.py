@@ -58,18 +58,19 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     """Sensitivities asked for, or those that fit the frame best.
 
     A table or a name settles it. Else a frame of sensor or linear values gets its measured camera
-    by EXIF make and model, or its colour matrix × the XYZ functions of a sensor, or, of a sensor
-    without a matrix of use, a typical sensor. Everything else, and linear values whose file says by
-    its profile what colours they are, is taken as rendered to sRGB, where white balance and matrix
-    have been applied already and the sensor's own sensitivities do not describe the values any
-    more.
+    by EXIF make and model, or by a model that says the brand itself, since the make may be another
+    firm's name ("RICOH IMAGING COMPANY, LTD." of a "PENTAX K-3"); or its colour matrix × the XYZ
+    functions of a sensor, or, of a sensor without a matrix of use, a typical sensor. Everything
+    else, and linear values whose file says by its profile what colours they are, is taken as
+    rendered to sRGB, where white balance and matrix have been applied already and the sensor's own
+    sensitivities do not describe the values any more.
     Raises OptionError for an unknown name.
     """
     if request is not None:
         return named_camera(request)
     name = f"{frame.make} {frame.model}".strip()
     if not frame.in_srgb and name:
-        camera = _measured(name)
+        camera = _measured(name) or _measured(frame.model, whole=True)
         if camera is not None:
             return camera
     if frame.encoding != "raw":
@@ -161,14 +162,17 @@ def _sensor_xyz() -> NDArray[np.float64]:
     return camera_to_xyz(camera, packaged_light("D65"), reflectance_spectra()) @ camera
 
 
-def _measured(name: str) -> Camera | None:
-    """Camera of that name, with or without its make, from the user's folder or the packaged."""
+def _measured(name: str, whole: bool = False) -> Camera | None:
+    """Camera of that name, with or without its make, from the user's folder or the packaged.
+
+    whole: the name says the make, too.
+    """
     wanted = key_of(name)
     for known, paths in folder_spectra().items():
-        if wanted in _keys(known):
+        if wanted in _keys(known, whole):
             return read_spectrum(paths, partial(_camera_of_folder, known))
     for known, entry in _PACKAGED.items():
-        if wanted in _keys(known) or wanted == key_of(entry):
+        if wanted in _keys(known, whole) or wanted == key_of(entry):
             return _measured_by_colour(known)
     return None
 
@@ -188,9 +192,10 @@ def _packaged_sensitivities(name: str) -> NDArray[np.float64]:
     return np.asarray(on_grid(table.wavelengths, table.values, outside="zero").T)
 
 
-def _keys(name: str) -> set[str]:
-    """Keys a camera answers to: with its make, and by its model alone."""
-    return {key_of(name), key_of(name.partition(" ")[2])} - {""}
+def _keys(name: str, whole: bool) -> set[str]:
+    """Keys a camera answers to: with its make, and by its model alone unless whole."""
+    model = "" if whole else key_of(name.partition(" ")[2])
+    return {key_of(name), model} - {""}
 
 
 def _scaled(sensitivities: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -114,6 +114,19 @@ def test_the_folder_knows_more_cameras(frame_of: FrameOf, make: str, model: str,
 
 
 @pytest.mark.usefixtures("spectra_folder")
+@pytest.mark.parametrize(
+    "make", ["RICOH IMAGING COMPANY, LTD.", "LEICA CAMERA AG", "EASTMAN KODAK COMPANY"]
+)
+def test_a_model_that_says_its_brand_names_a_camera_whatever_firm_made_it(
+    frame_of: FrameOf, make: str
+) -> None:
+    """A model without a brand may be another firm's."""
+    assert find_camera(None, frame_of(make, "ACME One")).name == "Acme One"
+    assert find_camera(None, frame_of(make, "One")).source == "stand-in"
+    assert find_camera(None, frame_of(make, "")).source == "stand-in"
+
+
+@pytest.mark.usefixtures("spectra_folder")
 def test_tables_keep_the_ratio_of_their_channels(frame_of: FrameOf) -> None:
     camera = find_camera("Acme One", frame_of())
 
