@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
 from pipeline.lamps.shadows import light_in_shadows
+from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Method
 from pipeline.pair.flash_reach import MOST_STOPS, flash_reach
 from pipeline.pair.pair import Pair
@@ -109,10 +110,10 @@ def _of_lamps(
         yield RunWarning(Code.FOUR_OR_MORE, message)
     elif lamps.unexplained:
         number = "One lamp does" if len(lamps) == 1 else f"{len(lamps)} lamps do"
+        advice = "Ask for more lamps, or check" if len(lamps) < MOST_LAMPS else "Check"
         message = (
             f"{number} not explain the photograph: {lamps.left_over:.0%} of the light is left over "
-            "in a tenth of it. Ask for more lamps, or check camera and flash spectrum; "
-            "residual.png shows where."
+            f"in a tenth of it. {advice} camera and flash spectrum; residual.png shows where."
         )
         yield RunWarning(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
     else:

@@ -69,6 +69,18 @@ def test_four_lamps_are_told_instead_of_what_they_leave(
     assert "four or more" in warning.message
 
 
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [(1, "Ask for more lamps, or check"), (2, "Ask for more lamps, or check"), (3, "Check")],
+)
+def test_no_more_than_three_lamps_are_to_be_asked_for(
+    said: Callable[..., list[RunWarning]], warm_to_cool: Array, number: int, advice: str
+) -> None:
+    (warning,) = said(coefficients=warm_to_cool[:number], hidden=[], left_over=0.09)
+
+    assert f"in a tenth of it. {advice} camera and flash spectrum" in warning.message
+
+
 def test_what_lamps_leave_everywhere_is_not_called_a_reflection(
     said: Callable[..., list[RunWarning]],
 ) -> None:
