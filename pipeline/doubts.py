@@ -30,13 +30,18 @@ _MUCH_CLIPPED = 0.05  # share of the picture
 _MUCH_MARKED = 0.015  # the same
 _MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
 _SHARP = 250  # blocks along the longer side; in smaller pairs neighbours lie in a shadow's rim
+_LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
+    "best": "are filled in from their surroundings",
+    "paper": "are as published and cannot be relied on",
+}
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
 def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> list[RunWarning]:
     """Warnings of the flash, the lamps and the light; none where layers can be relied on.
 
-    method: which found the lamps; only fitted ones tell where one is alone.
+    method: which found the lamps; only fitted ones tell where one is alone, and only their layers
+    are filled in.
     """
     hidden, in_shadows = [], np.zeros(len(lamps))
     if method == "best":
@@ -45,7 +50,7 @@ def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> li
         sharp = max(reduced.usable.shape) >= _SHARP
         if len(lamps) > 1 and sharp and not reduced.rendered:
             in_shadows = light_in_shadows(reduced, pair.flash_only, lamps)
-    return [*_of_photographs(pair, reduced), *_of_lamps(reduced, lamps, hidden, in_shadows)]
+    return [*_of_photographs(pair, reduced, method), *_of_lamps(reduced, lamps, hidden, in_shadows)]
 
 
 def expected_snr_db(angle_deg: float, noise: float) -> float:
@@ -78,22 +83,23 @@ def relative_noise(reduced: ReducedPair) -> float:
     return float(np.sqrt(np.median(squared[0] + squared[1])))
 
 
-def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[RunWarning]:
+def _of_photographs(pair: Pair, reduced: ReducedPair, method: Method) -> Iterator[RunWarning]:
     reach = flash_reach(pair, reduced)
+    layers = _LAYERS_WITHOUT_LIGHT[method]
     if reach.weak > _MUCH_WEAK:
         most = "at least " if reach.stops >= MOST_STOPS else ""
         message = (
             f"The flash is too weak in {reach.weak:.0%} of what the lamps light, where the layers "
-            f"are filled in from their surroundings; {1 - reach.weak:.0%} can be separated. Make "
-            f"the flash {most}{reach.stops:.1f} stops stronger: raise its power or bring it "
-            "nearer; a wider aperture with a shorter exposure helps, too."
+            f"{layers}; {1 - reach.weak:.0%} can be separated. Make the flash {most}"
+            f"{reach.stops:.1f} stops stronger: raise its power or bring it nearer; a wider "
+            "aperture with a shorter exposure helps, too."
         )
         figures = {"share": reach.weak, "usable_share": 1 - reach.weak, "stops": reach.stops}
         yield RunWarning(Code.FLASH_TOO_WEAK, message, figures)
     if pair.clipped > _MUCH_CLIPPED:
         message = (
-            f"A photograph is clipped in {pair.clipped:.0%} of the picture, where the layers are "
-            "filled in from their surroundings: expose both shorter."
+            f"A photograph is clipped in {pair.clipped:.0%} of the picture, where the layers "
+            f"{layers}: expose both shorter."
         )
         yield RunWarning(Code.CLIPPED, message, {"share": pair.clipped})
 

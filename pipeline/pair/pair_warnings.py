@@ -112,8 +112,8 @@ def unsteady_warnings(ratios: Ratios, moved: float, orientation: int) -> list[Ru
     if moved > NOTABLE_MOTION:
         message = (
             f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
-            "are filled in there from their surroundings. Keep people and things still, and take "
-            "the two photographs in quick succession."
+            "are a guess there. Keep people and things still, and take the two photographs in "
+            "quick succession."
         )
         warnings.append(RunWarning(Code.MOVED, message, {"share": moved}))
     rows, columns = ratios.usable.shape

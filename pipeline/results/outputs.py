@@ -281,10 +281,7 @@ class Outputs:
     def _open_confidences(self, with_surface: bool) -> None:
         grey = partial(GrayTiffFile, size=self._size)
         if "confidence.tif" in self._wanted:
-            kind = (
-                "16-bit linear, 65535 = separated, 0 = filled in from the surroundings",
-                "none",
-            )
+            kind = ("16-bit linear, 65535 = separated, 0 = could not be", "none")
             self._stream("confidence.tif", kind, grey, lambda pictures: pictures.confidence)
         if "normals_confidence.tif" in self._wanted and with_surface:
             kind = (
@@ -297,7 +294,7 @@ class Outputs:
 
     def _open_previews(self, photograph: Photograph) -> None:
         if "preview.exr" in self._wanted:
-            kind = ("16-bit float", f"{_CAMERA_RGB}; Y: 1 = separated, 0 = filled in")
+            kind = ("16-bit float", f"{_CAMERA_RGB}; Y: 1 = separated, 0 = could not be")
             preview = partial(PreviewFile, size=self._size)
             self._stream("preview.exr", kind, preview, _layers_and_confidence)
         if "thumbnail.jpg" in self._wanted:

@@ -30,7 +30,7 @@ _CAPTIONS = {
     "normals.png": "Surface normals, their x, y and z in red, green and blue",
     "gamma.png": "The light of every pixel without its surface, and the lamps found in it",
     "residual.png": "What the lamps found do not explain",
-    "confidence.tif": "White where the layers were separated, black where they are filled in",
+    "confidence.tif": "White where the layers were separated, black where they could not be",
     "normals_confidence.tif": "How far each normal can be trusted",
 }
 
@@ -114,8 +114,8 @@ def _summary(manifest: Mapping[str, Any]) -> Html:
     filled = 100 * manifest["filled"]
     return escape(
         f"{counted(lights['found'], 'lamp', 'lamps')} found{asked}, number certain to "
-        f"{100 * lights['confidence']:.0f} %. {filled:.1f} % of the picture is filled in from its "
-        f"surroundings. Camera: {manifest['camera']['name']} ({manifest['camera']['source']}); "
+        f"{100 * lights['confidence']:.0f} %. {filled:.1f} % of the picture could not "
+        f"be separated. Camera: {manifest['camera']['name']} ({manifest['camera']['source']}); "
         f"flash: {manifest['flash']['name']} ({manifest['flash']['source']})."
     )
 

@@ -60,6 +60,23 @@ def test_a_clean_pair_has_none(said: Callable[..., list[RunWarning]]) -> None:
     assert said() == []
 
 
+@pytest.mark.parametrize(
+    ("method", "layers"),
+    [
+        ("best", "are filled in from their surroundings"),
+        ("paper", "are as published and cannot be relied on"),
+    ],
+)
+def test_published_layers_are_not_said_to_be_filled_in(
+    said: Callable[..., list[RunWarning]], method: Literal["best", "paper"], layers: str
+) -> None:
+    weak, clipped = said(reach=FlashReach(0.5, 2.0), clipped=0.2, method=method)
+
+    assert (weak.code, clipped.code) == (Code.FLASH_TOO_WEAK, Code.CLIPPED)
+    assert f"where the layers {layers}; 50% can be separated" in weak.message
+    assert f"where the layers {layers}: expose both shorter." in clipped.message
+
+
 def test_four_lamps_are_told_instead_of_what_they_leave(
     said: Callable[..., list[RunWarning]],
 ) -> None:
