@@ -29,6 +29,7 @@ from pipeline.results.outputs import Outputs
 from pipeline.results.pictures import overview, render
 from pipeline.results.tally import Tally
 from pipeline.results.wanted_outputs import (
+    check_directions,
     check_outputs,
     held_outputs,
     wanted_outputs,
@@ -68,13 +69,14 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     del flash
-    # first what costs little and may be refused: outputs, areas, names of cameras and lights
+    # first what costs little and may be refused: outputs, directions, areas, names
     named = options.camera is not None  # calibrated ones were checked by their targets
     warnings = [*setup_warnings(options, kept, before), *named_warnings(options, before)]
     options, used, left_out = with_kept(options, kept, before)
     warnings += left_out
     wanted = wanted_outputs(options, warnings)
     check_outputs(wanted, before.size, options)
+    check_directions(wanted, options)
     check_places(options, before.size)
     camera = find_camera(options.camera, before)
     build = _models(before, options)

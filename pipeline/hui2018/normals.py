@@ -64,12 +64,7 @@ def solve_photometry(
     component towards the camera in every pixel. focal_px: of the full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
     """
-    if len(lights) != 3:
-        raise OptionError(
-            f"The published normals need three light directions, and there are {len(lights)}: "
-            "give three, or ask for the method best."
-        )
-    inverse = np.linalg.inv(unit_directions(lights)).astype(np.float64)
+    inverse = inverse_directions(lights)
     candidates = _candidates(lights, lamps, model)
     view = _view(reduced, focal_px)
     tried = []
@@ -84,6 +79,19 @@ def solve_photometry(
         tried.append((_unevenness(field, use) + spread, strengths, matrices, greens))
     _, strengths, matrices, greens = min(tried, key=lambda one: one[0])
     return Photometry(matrices, greens, inverse / strengths, strengths)
+
+
+def inverse_directions(lights: Sequence[DirectedLight]) -> Array:
+    """L⁻¹ (3, 3) of the unit directions to three lamps.
+
+    Raises OptionError for another number of them, and for directions that fix no normals.
+    """
+    if len(lights) != 3:
+        raise OptionError(
+            f"The published normals need three light directions, and there are {len(lights)}: "
+            "give three, or ask for the method best."
+        )
+    return np.linalg.inv(unit_directions(lights)).astype(np.float64)
 
 
 def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> list[Matrix]:

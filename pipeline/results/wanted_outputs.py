@@ -9,11 +9,13 @@ import numpy as np
 from pipeline.encode.jpeg import check_jpeg_size
 from pipeline.encode.psd_size import check_psd_size, psd_excess
 from pipeline.errors import OptionError
+from pipeline.hui2018.normals import inverse_directions
 from pipeline.images.frames import Photograph
 from pipeline.images.quantiles import quantile
 from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Lights, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
+from pipeline.photometric_stereo.directions import unit_directions
 from pipeline.run_warnings import Code, RunWarning
 
 _PSD = "layers.psd"
@@ -48,6 +50,20 @@ def wanted_outputs(options: Options, left_out: Sequence[RunWarning] = ()) -> fro
             "finds normals alone: leave it out, or ask for the method best."
         )
     return wanted
+
+
+def check_directions(wanted: frozenset[str], options: Options) -> None:
+    """Refuse light directions that fix no normals, where a wanted output needs them.
+
+    wanted: names out of OUTPUT_NAMES, of these options. Raises OptionError.
+    """
+    lights = options.light_directions
+    if lights is None or not wanted & outputs_with("facing"):
+        return
+    if options.method == "paper":
+        inverse_directions(lights)
+    else:
+        unit_directions(lights)
 
 
 def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Options) -> None:

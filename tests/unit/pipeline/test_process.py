@@ -355,6 +355,16 @@ def test_bad_options_end_in_a_sentence_and_without_results(
     assert not (tmp_path / "out").exists()
 
 
+def test_directions_that_fix_no_normals_are_refused_before_any_work(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.process.make_pair", None)  # which would raise a TypeError
+    alike = [DirectedLight(direction=(0, 0, 1))] * 3
+
+    with pytest.raises(OptionError, match="nearly in one plane"):
+        separated(files(), tmp_path / "out", light_directions=alike)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_pixels_that_are_no_numbers_are_refused(
     files: Callable[..., Files], tmp_path: Path, value: float

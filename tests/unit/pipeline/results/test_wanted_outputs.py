@@ -9,6 +9,7 @@ from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
 from pipeline.results.wanted_outputs import (
+    check_directions,
     check_outputs,
     held_outputs,
     wanted_outputs,
@@ -64,6 +65,42 @@ def test_the_published_normals_come_without_a_surface(name: str) -> None:
     assert wanted_outputs(normals) == {"normals.exr", "normals.png"}
     assert name in wanted_outputs(Options.model_validate({**given, "outputs": "all"}))
     assert name in wanted_outputs(Options.model_validate(given))
+
+
+IN_A_PLANE = ((1, 0, 1), (-1, 0, 1), (0, 0, 1))
+BEHIND = ((1, 0, -1), (0, 1, -1), (-1, 0, -1))
+
+
+@pytest.mark.parametrize(
+    ("method", "directions", "said"),
+    [
+        ("best", IN_A_PLANE, "lie nearly in one plane"),
+        ("paper", IN_A_PLANE, "lie nearly in one plane"),
+        ("best", BEHIND[:2], "None of the light directions"),
+        ("paper", ((1, 0, 1), (0, 1, 1)), "need three light directions, and there are 2"),
+    ],
+)
+def test_directions_that_fix_no_normals_are_refused_where_normals_are_wanted(
+    method: str, directions: Any, said: str
+) -> None:
+    lights = [{"direction": one} for one in directions]
+    options = Options.model_validate({"method": method, "light_directions": lights})
+
+    with pytest.raises(OptionError, match=said):
+        check_directions(wanted_outputs(options), options)
+
+    check_directions(frozenset({"lamps.jpg"}), options)
+    check_directions(wanted_outputs(Options()), Options())
+
+
+def test_directions_that_fix_normals_are_taken() -> None:
+    lights = [{"direction": one} for one in ((1, 0, 1), (0, 1, 1), (-1, 0, 1))]
+    for given in (
+        {"method": "paper", "light_directions": lights},
+        {"light_directions": lights[:2]},
+    ):
+        options = Options.model_validate(given)
+        check_directions(wanted_outputs(options), options)
 
 
 @pytest.mark.parametrize(
