@@ -19,15 +19,15 @@ def on_grid(
     """Bring a table of ascending wavelengths onto WAVELENGTHS_NM.
 
     values: (n,) or (n, k). Returns (W,) or (W, k). Tables of 5 nm and coarser are interpolated
-    linearly; finer ones are averaged over the 5 nm around each wavelength, so that a narrow line
-    keeps its energy. Outside the table the values are zero or hold the last one.
+    linearly; those that are finer anywhere are averaged over the 5 nm around each wavelength, so
+    that a narrow line keeps its energy. Outside the table the values are zero or hold the last one.
     """
     nm = np.asarray(wavelength_nm, dtype=np.float64)
     columns = np.asarray(values, dtype=np.float64)
     if columns.ndim == 2:
         return np.stack([on_grid(nm, column, outside) for column in columns.T], axis=1)
     ends = {"left": 0.0, "right": 0.0} if outside == "zero" else {}
-    if np.median(np.diff(nm)) > STEP_NM - 0.5:
+    if np.diff(nm).min() > STEP_NM - 0.5:
         return np.interp(WAVELENGTHS_NM, nm, columns, **ends)
     fine = np.unique(np.concatenate([nm, _EDGES]))
     power = np.interp(fine, nm, columns, **ends)

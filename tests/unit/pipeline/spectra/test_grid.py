@@ -32,6 +32,20 @@ def test_a_narrow_line_keeps_its_energy(line_nm: float) -> None:
     assert on_grid(fine, line, "hold").sum() * 5 == pytest.approx(line.sum() * 0.1, rel=1e-3)
 
 
+def test_a_line_between_the_rows_of_a_coarse_table_keeps_its_energy() -> None:
+    """As tables of discharge lamps are: a continuum in wide steps, and rows of their own for lines.
+
+    The line of 41 stands out by 40 in a triangle 1 nm wide.
+    """
+    nm = np.sort([*range(380, 781, 10), 545.6, 546.1, 546.6])
+    power = np.where(nm == 546.1, 41.0, 1.0)
+
+    found = on_grid(nm, power, "hold")
+
+    assert (found - 1.0).sum() * 5 == pytest.approx(40.0 * 1.0 / 2)
+    assert found[33] > 4.0  # at 545 nm
+
+
 def test_columns_are_treated_alike() -> None:
     table = np.random.default_rng(0).uniform(0, 1, (401, 3))
     nm = np.arange(380, 781)
