@@ -11,7 +11,6 @@ from pipeline.hui2018.invariant import light_coefficients
 from pipeline.images.frames import Image, Matrix
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
-from pipeline.pictures.white_balance import whites_of
 from pipeline.separation.proportions import predictions
 from pipeline.separation.separation import Strip
 
@@ -23,9 +22,9 @@ class PublishedWhiteBalance:
         self._lamps = lamps
         self._tensor = model.tensor
         self._to_neutral = model.lamp_matrix(model.neutral)
-        greens = whites_of(lamps, model)[:, 1]
-        self._brightness = greens / (self._to_neutral @ model.flash_white)[1]
-        self._strength = float(np.linalg.norm(model.neutral))
+        self._axes = model.published
+        self._strength = float(np.linalg.norm(self._axes @ model.neutral))
+        self._strengths = np.linalg.norm(lamps.coefficients @ self._axes.T, axis=1) / self._strength
 
     def of(self, strip: Strip, first: bool, second: bool) -> tuple[Image | None, Image | None]:
         """Both approaches where wanted, (h, W, 3) linear camera RGB under the neutral light."""
@@ -33,13 +32,14 @@ class PublishedWhiteBalance:
         return balanced_1, self._approach_2(strip) if second else None
 
     def _approach_1(self, strip: Strip) -> Image:
-        """Every lamp replaced by the neutral light of the same green response.
+        """The coefficients of every lamp in eq. 3, of length 1, replaced by those of neutral light.
 
-        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card.
+        I = Σ_j z_j ‖b_j‖/‖b_n‖ T_n I_f, lengths in the coordinates of Γ. The source does not say
+        how long b_n is; as approach II takes b_i·b_j of any two lamps for 1, all have length 1.
         """
         brightness = np.zeros(strip.flash.shape[:2], dtype=np.float32)
         predicted = predictions(strip.flash, self._lamps)
-        for layer, one, scale in zip(strip.layers, predicted, self._brightness, strict=True):
+        for layer, one, scale in zip(strip.layers, predicted, self._strengths, strict=True):
             energy = (one * one).sum(axis=2)
             lit = energy > 0
             z = np.where(lit, (layer * one).sum(axis=2) / np.where(lit, energy, 1.0), 0.0)
@@ -49,9 +49,10 @@ class PublishedWhiteBalance:
     def _approach_2(self, strip: Strip) -> Image:
         """All light replaced by neutral light of the same strength ‖β‖.
 
-        I = ‖β‖/‖b_n‖ T_n I_f. Any number of lamps will do, since none is told from the other.
+        I = ‖β‖/‖b_n‖ T_n I_f, lengths in the coordinates of Γ. Any number of lamps will do, since
+        none is told from the other.
         """
-        beta = light_coefficients(strip.no_flash, strip.flash, self._tensor)
+        beta = light_coefficients(strip.no_flash, strip.flash, self._tensor) @ self._axes.T
         strength = (np.linalg.norm(beta, axis=-1) / self._strength).astype(np.float32)
         return _neutral(strip.flash, strength, self._to_neutral)
 

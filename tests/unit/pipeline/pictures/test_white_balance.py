@@ -64,7 +64,6 @@ def lit(exact: Exact, lamps_of: Callable[..., Any]) -> Lit:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize("method", ["paper", "best"])
 def test_approach_1_keeps_the_green_of_every_lamp(
     lit: Lit,
     model: Model,
@@ -72,17 +71,37 @@ def test_approach_1_keeps_the_green_of_every_lamp(
     flash_part: Image,
     warm_to_cool: Array,
     count: int,
-    method: str,
 ) -> None:
     """Σ_j z_j (g_j / g_n) T_n I_f."""
     strip, lamps = lit(warm_to_cool[:count])
     greens = (lamps.matrices @ model.flash_white)[:, 1]
-    matrix = model.lamp_matrix(model.neutral) if method == "paper" else model.flash_to_neutral
+    neutral = model.flash_to_neutral
 
-    found = approach_1(strip, lamps, model, method)
+    found = approach_1(strip, lamps, model, "best")
 
-    brightness = np.einsum("nhw,n->hw", shares_of(count), greens / (matrix @ model.flash_white)[1])
-    expected = brightness[..., None] * (flash_part @ matrix.T)
+    brightness = np.einsum("nhw,n->hw", shares_of(count), greens / (neutral @ model.flash_white)[1])
+    expected = brightness[..., None] * (flash_part @ neutral.T)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_published_approach_1_takes_all_coefficients_for_as_long(
+    lit: Lit,
+    model: Model,
+    shares_of: Callable[[int], Array],
+    flash_part: Image,
+    warm_to_cool: Array,
+    count: int,
+) -> None:
+    """Σ_j z_j ‖b_j‖ / ‖b_n‖ T_n I_f, lengths in the published coordinates."""
+    strip, lamps = lit(warm_to_cool[:count])
+    strengths = _published_lengths(model, warm_to_cool[:count])
+
+    found = approach_1(strip, lamps, model, "paper")
+
+    brightness = np.einsum("nhw,n->hw", shares_of(count), strengths)
+    expected = brightness[..., None] * (flash_part @ model.lamp_matrix(model.neutral).T)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
@@ -98,16 +117,24 @@ def test_approach_2_keeps_the_strength_of_all_light(
     count: int,
     method: str,
 ) -> None:
-    """‖β‖ / ‖b_n‖ T_n I_f, with β = Σ_j z_j b_j."""
+    """‖β‖ / ‖b_n‖ T_n I_f, with β = Σ_j z_j b_j; as published, in its coordinates."""
     matrix = model.lamp_matrix(model.neutral) if method == "paper" else model.flash_to_neutral
     strip, lamps = lit(warm_to_cool[:count])
     beta = np.einsum("nhw,nk->hwk", shares_of(count), warm_to_cool[:count])
     strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
+    if method == "paper":
+        strength = _published_lengths(model, beta)
 
     found = approach_2(strip, lamps, model, method)
 
     expected = strength[..., None] * (flash_part @ matrix.T)
     np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+def _published_lengths(model: Model, lights: Array) -> Array:
+    """Lengths of lights (…, 3) over that of neutral light, in the coordinates of Γ."""
+    lengths = np.linalg.norm(lights @ model.published.T, axis=-1)
+    return np.asarray(lengths / np.linalg.norm(model.published @ model.neutral))
 
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
@@ -326,7 +353,7 @@ def test_published_approach_2_takes_a_flash_of_one_channel_for_what_it_is(
     strip.flash[...] = flash
     columns = np.stack([model.tensor[:, :, j] @ flash for j in range(3)], axis=1)
     beta = strip.no_flash.astype(np.float64) @ np.linalg.inv(columns).T
-    strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
+    strength = _published_lengths(model, beta)
     neutral = np.maximum(model.lamp_matrix(model.neutral) @ flash, 0)
 
     found = approach_2(strip, lamps, model, "paper")
