@@ -11,8 +11,6 @@ from trimesh.exchange.gltf import export_glb
 
 from pipeline.encode.mesh import Mesh
 
-_JPEG = b"\xff\xd8"
-
 
 def write_glb(path: Path, mesh: Mesh, texture: bytes) -> None:
     """Write a mesh with its normals as binary glTF 2.0, a picture inside it as texture.
@@ -38,11 +36,11 @@ def write_glb(path: Path, mesh: Mesh, texture: bytes) -> None:
     )
     scene = trimesh.Scene({"surface": body})
 
-    def as_encoded(buffers: dict[str, bytes], _: object) -> None:
-        # trimesh encodes the texture once more, and worse
-        for name, data in buffers.items():
-            if data.startswith(_JPEG):
-                buffers[name] = texture + bytes(-len(texture) % 4)
+    def as_encoded(buffers: dict[str, bytes], tree: dict[str, Any]) -> None:
+        # trimesh encodes the texture once more, and worse; numbers may begin like a JPEG
+        names = list(buffers)
+        for image in tree["images"]:
+            buffers[names[image["bufferView"]]] = texture + bytes(-len(texture) % 4)
 
     def unnamed(tree: dict[str, Any]) -> None:
         del tree["asset"]["generator"]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -165,3 +166,26 @@ def test_a_surface_of_nothing_is_an_empty_scene(picture: np.ndarray, tmp_path: P
 def test_a_full_disk_is_told(mesh: Mesh, picture: np.ndarray, tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"):
         written(tmp_path / "missing" / "surface.glb", mesh, picture, np.eye(3))
+
+
+def test_numbers_that_begin_like_a_jpeg_are_no_texture(
+    mesh: Mesh, picture: np.ndarray, tmp_path: Path
+) -> None:
+    """A vertex whose first float has the bytes FF D8 in front."""
+    places = mesh.vertices.astype(np.float32)
+    places.view(np.uint8)[0, :2] = 0xFF, 0xD8
+    path = tmp_path / "surface.glb"
+    written(path, replace(mesh, vertices=places.astype(np.float64)), picture, np.eye(3))
+
+    (body,) = trimesh.load_scene(path, process=False).geometry.values()
+
+    np.testing.assert_array_equal(body.vertices, places)
+    assert body.visual.material.baseColorTexture.size == (12, 8)
+
+
+def test_of_no_surface_there_is_no_mesh(picture: np.ndarray, tmp_path: Path) -> None:
+    nothing = np.zeros((0, 3))
+    path = tmp_path / "surface.glb"
+    written(path, Mesh(nothing, nothing, nothing[:, :2], nothing.astype(int)), picture, np.eye(3))
+
+    assert not trimesh.load_scene(path).geometry
