@@ -20,7 +20,15 @@ from pipeline.images.frames import Matrix
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import ReducedPair
-from pipeline.pictures.lettering import BACKGROUND, INK, panel, write, write_boxed
+from pipeline.pictures.lettering import (
+    BACKGROUND,
+    INK,
+    box_of,
+    overlap,
+    panel,
+    write,
+    write_boxed,
+)
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -37,6 +45,7 @@ _PRUNED = (125, 80, 215)
 _LINES = (150, 150, 150)
 _SMALLEST_VIEW = 0.12  # in the tangent plane: noise is not blown up to fill the picture
 _RADIUS = 15
+_LABEL_STEP = 19  # pixels, two of which are between a circle's middle and its label's
 _SCALES_DEGREES = (20, 10, 5, 2, 1)
 
 
@@ -121,12 +130,24 @@ def _draw_lamps(
         picture, [placed.reshape(-1, 1, 2).astype(np.int32)], True, _LINES, 1, cv2.LINE_AA
     )
     colours = _colours(lamps.coefficients, model.camera_to_xyz)
-    numbered = zip(placed.tolist(), colours.tolist(), labels, strict=True)
-    for number, (at, colour, label) in enumerate(numbered, start=1):
+    numbered = zip(placed.tolist(), colours.tolist(), strict=True)
+    for number, (at, colour) in enumerate(numbered, start=1):
         cv2.circle(picture, at, _RADIUS, colour, -1, cv2.LINE_AA)
         cv2.circle(picture, at, _RADIUS, INK, 2, cv2.LINE_AA)
         write(picture, str(number), (at[0] - 5, at[1] + 7), colour=BACKGROUND)
-        write_boxed(picture, label, (at[0], at[1] + (-38 if at[1] > SIDE // 2 else 38)), SIDE)
+    _draw_labels(picture, placed.tolist(), labels)
+
+
+def _draw_labels(picture: Picture, places: list[list[int]], labels: list[str]) -> None:
+    """Beside the circles, towards the middle, so far off that none hides another or a circle."""
+    taken = [(x - _RADIUS, y - _RADIUS, x + _RADIUS, y + _RADIUS) for x, y in places]
+    for (x, y), label in zip(places, labels, strict=True):
+        step = -_LABEL_STEP if y > SIDE // 2 else _LABEL_STEP
+        y += 2 * step
+        while any(overlap(box_of(label, (x, y), SIDE), one) for one in taken):
+            y += step
+        taken.append(box_of(label, (x, y), SIDE))
+        write_boxed(picture, label, (x, y), SIDE)
 
 
 def _draw_scale(picture: Picture, scale: float) -> None:

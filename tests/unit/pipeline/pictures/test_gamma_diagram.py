@@ -289,6 +289,31 @@ def test_labels_are_written_beside_the_circles(
     np.testing.assert_allclose(circles(labelled), circles(plain), atol=1)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.25, 0.5])
+def test_labels_of_lamps_alike_hide_neither_each_other_nor_circles(
+    drawn: Callable[..., Picture], warm_to_cool: Array, turn: float
+) -> None:
+    """Lamps 2° apart, in whatever direction: every label has the words that it has alone."""
+    across = np.cross(warm_to_cool[0], [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    other = np.cross(warm_to_cool[0], across)
+    away = np.cos(turn * np.pi) * across + np.sin(turn * np.pi) * other
+    two = warm_to_cool[0] + np.array([[-0.0175], [0.0175]]) * away
+    two /= np.linalg.norm(two, axis=1, keepdims=True)
+    names = ["lamp1, incandescent 53%, 2691 K", "lamp2, white LED 50%, 2844 K"]
+
+    def words(*labels: str) -> int:
+        """Light pixels of the labels and all else, without a cloud behind them."""
+        picture = drawn(two, list(labels), np.repeat(two[:1], 2, axis=0))
+        return int((picture.min(axis=2) > 120).sum())
+
+    bare = words("", "")
+    alone = [words(names[0], "") - bare, words("", names[1]) - bare]
+
+    assert min(alone) > 300
+    assert words(*names) - bare == pytest.approx(sum(alone), rel=0.04)  # boxes hide the line
+
+
 def test_long_labels_stay_in_the_picture(
     drawn: Callable[..., Picture], warm_to_cool: Array
 ) -> None:

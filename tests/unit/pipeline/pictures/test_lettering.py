@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.pictures.lettering import BACKGROUND, INK, panel, write, write_boxed
+from pipeline.pictures.lettering import (
+    BACKGROUND,
+    INK,
+    box_of,
+    overlap,
+    panel,
+    write,
+    write_boxed,
+)
 
 
 def test_a_panel_is_dark_and_even() -> None:
@@ -56,3 +64,31 @@ def test_no_words_need_no_box() -> None:
     write_boxed(picture, "", (150, 40), 300)
 
     assert (picture == 255).all()
+
+
+def test_the_box_is_told_before_it_is_drawn() -> None:
+    picture = np.full((80, 300, 3), 255, np.uint8)
+
+    write_boxed(picture, "lamp1", (290, 40), 300)
+
+    rows, columns = np.nonzero((picture == BACKGROUND).all(axis=2))
+    box = (columns.min(), rows.min(), columns.max(), rows.max())
+    assert box_of("lamp1", (290, 40), 300) == box
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        ((20, 20, 30, 30), True),
+        ((21, 10, 30, 20), False),
+        ((10, 21, 20, 30), False),
+        ((0, 0, 9, 30), False),
+        ((0, 0, 30, 9), False),
+        ((12, 12, 18, 18), True),
+    ],
+)
+def test_boxes_overlap_where_they_share_a_pixel(
+    other: tuple[int, int, int, int], expected: bool
+) -> None:
+    assert overlap((10, 10, 20, 20), other) == expected
+    assert overlap(other, (10, 10, 20, 20)) == expected
