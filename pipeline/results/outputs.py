@@ -33,6 +33,8 @@ from pipeline.pictures.shown import shown_gain
 from pipeline.progress import Progress
 from pipeline.result_names import lamp_name
 from pipeline.results.pictures import Pictures
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import lamp_spectra
 
 if TYPE_CHECKING:
     from pipeline.photometric_stereo.solve import Surface
@@ -161,7 +163,7 @@ class Outputs:
             exr = partial(ExrFile, size=size, half=True)
             kind = ("16-bit float", _CAMERA_RGB)
             self._stream("layers.exr", kind, exr, lambda pictures: _with_sum(pictures.layers))
-        to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz)
+        to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz, _brightest(self._model.camera))
         to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ camera_to_xyz)
         for lamp in range(len(self._estimate.lamps)):
             layer = partial(_layer, lamp)
@@ -186,7 +188,8 @@ class Outputs:
             name = f"white_balanced_{number}.jpg"
             if name in wanted:
                 self._show(name, _as_shown(rows(small), XYZ_TO_SRGB @ neutral), rows)
-        tiff = partial(TiffFile, size=self._size, to_rec2020=_fitting(XYZ_TO_REC2020 @ neutral))
+        to_rec2020 = _fitting(XYZ_TO_REC2020 @ neutral, np.ones((1, 3)))
+        tiff = partial(TiffFile, size=self._size, to_rec2020=to_rec2020)
         for number, rows in enumerate(both, 1):
             if f"white_balanced_{number}.tif" in wanted:
                 self._stream(f"white_balanced_{number}.tif", _REC2020, tiff, rows)
@@ -348,9 +351,18 @@ def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
     return named | {"RGB": layers.sum(axis=0)}
 
 
-def _fitting(to_rec2020: Matrix) -> Matrix:
-    """Make what the sensor's white becomes fit: else the brightest warm light is cut off."""
-    return np.asarray(to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max())))
+def _fitting(to_rec2020: Matrix, brightest: Matrix) -> Matrix:
+    """Make what the brightest colours (n, 3) become fit: else the brightest light is cut off."""
+    return np.asarray(to_rec2020 / max(1.0, float((brightest @ to_rec2020.T).max())))
+
+
+def _brightest(camera: Camera) -> Matrix:
+    """Camera RGB (n, 3) of the sensor's white, and of a white card as bright as it holds by lamp.
+
+    Warm lamps fill the red channel alone, which may become more than the sensor's white does.
+    """
+    cards = lamp_spectra() @ camera.sensitivities.T
+    return np.vstack([np.ones(3), cards / cards.max(axis=1, keepdims=True)])
 
 
 def _layers_and_confidence(pictures: Pictures) -> dict[str, NDArray[np.float32]]:

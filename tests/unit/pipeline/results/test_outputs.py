@@ -290,6 +290,25 @@ def test_lamps_are_written_in_rec_2020_on_one_scale(
         assert ratio.min() > 0.2
 
 
+@pytest.mark.parametrize("lamp", ["A", "HP1", "D65"])
+def test_a_white_card_that_the_sensor_holds_is_not_cut_off(
+    written: Callable[..., list[dict[str, Any]]],
+    pictures: Pictures,
+    model: Model,
+    tmp_path: Path,
+    lamp: str,
+) -> None:
+    """Under a warm lamp red alone is full, and becomes 1.05 times what the sensor's white does."""
+    card = model.camera.sensitivities @ find_light(lamp)
+    ramp = np.linspace(0.9, 1.0, SIZE[1])[None, :, None] * card / card.max()
+    layer = np.broadcast_to(ramp, (*SIZE, 3)).astype(np.float32)
+
+    written("lamps.tif", given=replace(pictures, layers=np.stack([layer, 0 * layer])))
+
+    red = tifffile.imread(tmp_path / "lamp1.tif")[0, :, 0].astype(np.float64)
+    np.testing.assert_allclose(red / red[-1], np.linspace(0.9, 1.0, SIZE[1]), atol=1e-4)
+
+
 @pytest.mark.parametrize("light", [1e-3, 1.0, 20.0])
 def test_shown_pictures_are_neither_black_nor_white(
     written: Callable[..., list[dict[str, Any]]],
