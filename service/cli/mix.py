@@ -121,7 +121,7 @@ def _lamp(text: str, count: int) -> tuple[int, dict[str, Any]]:
     from pipeline.errors import OptionError
 
     number, colon, rest = text.partition(":")
-    if not colon or not number.isdecimal() or not 1 <= int(number) <= count:
+    if not colon or number not in map(str, range(1, count + 1)):
         raise OptionError(
             f"--lamp {text[:80]}: begin with the number of a lamp, 1 to {count}, and a colon."
         )

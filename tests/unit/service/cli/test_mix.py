@@ -75,6 +75,7 @@ def test_a_temperature_warms(results: Path) -> None:
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
+        pytest.param(["--lamp", "1" * 5000 + ":off"], "begin with the number", id="endless"),
         (["--lamp", "3:off"], "begin with the number of a lamp, 1 to 2, and a colon"),
         (["--lamp", "off"], "begin with the number of a lamp"),
         (["--lamp", "1:loud"], "'loud' is none of off, neutral, ev=STOPS"),
