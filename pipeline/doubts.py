@@ -37,11 +37,13 @@ _LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
-def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> list[RunWarning]:
+def doubts(
+    pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method, wanted: frozenset[str]
+) -> list[RunWarning]:
     """Warnings of the flash, the lamps and the light; none where layers can be relied on.
 
     method: which found the lamps; only fitted ones tell where one is alone, and only their layers
-    are filled in.
+    are filled in. wanted: names of outputs (pipeline.output_names), whose files sentences name.
     """
     hidden, in_shadows = [], np.zeros(len(lamps))
     if method == "best":
@@ -50,7 +52,13 @@ def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> li
         sharp = max(reduced.usable.shape) >= _SHARP
         if len(lamps) > 1 and sharp and not reduced.rendered:
             in_shadows = light_in_shadows(reduced, pair.flash_only, lamps)
-    return [*_of_photographs(pair, reduced, method), *_of_lamps(reduced, lamps, hidden, in_shadows)]
+    where = "residual.png shows where"
+    if "residual.png" not in wanted:
+        where = "the output residual.png, which was not asked for, shows where"
+    return [
+        *_of_photographs(pair, reduced, method),
+        *_of_lamps(reduced, lamps, hidden, in_shadows, where),
+    ]
 
 
 def expected_snr_db(angle_deg: float, noise: float) -> float:
@@ -105,8 +113,13 @@ def _of_photographs(pair: Pair, reduced: ReducedPair, method: Method) -> Iterato
 
 
 def _of_lamps(
-    reduced: ReducedPair, lamps: Lamps, hidden: list[int], in_shadows: NDArray[np.float64]
+    reduced: ReducedPair,
+    lamps: Lamps,
+    hidden: list[int],
+    in_shadows: NDArray[np.float64],
+    where: str,
 ) -> Iterator[RunWarning]:
+    """where: says what shows the places that the lamps do not explain."""
     if lamps.four_or_more:
         message = (
             "Three lamps do not explain the light at all shadow edges: there may be four or more, "
@@ -119,11 +132,11 @@ def _of_lamps(
         advice = "Ask for more lamps, or check" if len(lamps) < MOST_LAMPS else "Check"
         message = (
             f"{number} not explain the photograph: {lamps.left_over:.0%} of the light is left over "
-            f"in a tenth of it. {advice} camera and flash spectrum; residual.png shows where."
+            f"in a tenth of it. {advice} camera and flash spectrum; {where}."
         )
         yield RunWarning(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
     else:
-        yield from _of_reflections(reduced, lamps, in_shadows)
+        yield from _of_reflections(reduced, lamps, in_shadows, where)
     yield from lamps.contradictions
     yield from _of_likeness(reduced, lamps)
     if lamps.rival_deg > _RIVAL_DEGREES:
@@ -151,7 +164,7 @@ def _of_lamps(
 
 
 def _of_reflections(
-    reduced: ReducedPair, lamps: Lamps, in_shadows: NDArray[np.float64]
+    reduced: ReducedPair, lamps: Lamps, in_shadows: NDArray[np.float64], where: str
 ) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
     share = float(np.mean(_spots(marked)[reduced.usable]))
@@ -159,8 +172,8 @@ def _of_reflections(
         message = (
             f"In {share:.1%} of the picture the lamps leave more than {MARKED:.0%} of the light "
             "unexplained: shiny things mirror it, or it has met another surface before. Layers are "
-            "approximate there; residual.png shows where. Turn shiny things away from the lamps, "
-            "and check camera and flash spectrum if it is all over the picture."
+            f"approximate there; {where}. Turn shiny things away from the lamps, and check camera "
+            "and flash spectrum if it is all over the picture."
         )
         yield RunWarning(Code.REFLECTIONS, message, {"share": share})
         return

@@ -59,7 +59,7 @@ def make_estimate(
     lamps = estimate_lamps(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
     )
-    warnings = [*doubts(pair, reduced, lamps, options.method)]
+    warnings = [*doubts(pair, reduced, lamps, options.method, wanted)]
     facing = None
     if options.light_directions is not None and wanted & outputs_with("facing"):
         # imported only here: few ask for it, and it brings half of SciPy

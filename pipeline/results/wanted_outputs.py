@@ -16,6 +16,7 @@ from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Lights, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
 from pipeline.photometric_stereo.directions import unit_directions
+from pipeline.result_names import LAYERS
 from pipeline.run_warnings import Code, RunWarning
 
 _PSD = "layers.psd"
@@ -108,10 +109,11 @@ def white_warnings(
     if share < _NOTABLE:
         return []
     most = quantile(brightest, _BRIGHTEST)
+    asked = "" if LAYERS in wanted else ", which was not asked for,"
     message = (
         f"In {share:.0%} of the picture the photograph without the flash is brighter than white "
-        "(1.0), where TIFF and PSD files end; layers.exr holds all of it. To have it in every "
-        f"file, divide both photographs by {most:.3g} first."
+        f"(1.0), where TIFF and PSD files end; {LAYERS}{asked} holds all of it. To have it in "
+        f"every file, divide both photographs by {most:.3g} first."
     )
     return [RunWarning(Code.ABOVE_WHITE, message, {"share": share, "brightest": most})]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline import doubts as doubts_module
 from pipeline.doubts import doubts, expected_snr_db, relative_noise
+from pipeline.output_names import DEFAULT_OUTPUTS
 from pipeline.pair.flash_reach import FlashReach
 from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning
@@ -35,6 +36,7 @@ def said(
         rendered: bool = False,
         sharp: int = 96,
         method: Literal["best", "paper"] = "best",
+        wanted: frozenset[str] = DEFAULT_OUTPUTS,
         **lamps: Any,
     ) -> list[RunWarning]:
         colours = warm_to_cool[[0, 2]] if coefficients is None else coefficients
@@ -51,7 +53,7 @@ def said(
             monkeypatch.setattr(doubts_module, "_SHARP", sharp)
         reduced = reduce_pair(pair)
         reduced = replace(reduced, usable=reduced.usable & usable, rendered=rendered)
-        return doubts(pair, reduced, lamps_of(colours, **lamps), method)
+        return doubts(pair, reduced, lamps_of(colours, **lamps), method, wanted)
 
     return find
 
@@ -145,6 +147,26 @@ def test_what_lamps_leave_in_places_is_a_reflection(
     if warned:
         assert found[0].figures["share"] == pytest.approx(rows / 64)
         assert "residual.png" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("outputs", "words"),
+    [
+        ({"residual.png"}, "; residual.png shows where."),
+        ({"lamps.jpg"}, "; the output residual.png, which was not asked for, shows where."),
+    ],
+)
+def test_sentences_send_nobody_to_a_map_that_is_not_written(
+    said: Callable[..., list[RunWarning]], outputs: set[str], words: str
+) -> None:
+    wanted = frozenset(outputs)
+
+    (reflections,) = said(residual=np.full((64, 96), 0.11), wanted=wanted)
+    (unexplained,) = said(left_over=0.09, wanted=wanted)
+
+    assert (reflections.code, unexplained.code) == (Code.REFLECTIONS, Code.UNEXPLAINED)
+    assert words in reflections.message
+    assert words in unexplained.message
 
 
 def test_lines_along_edges_are_no_reflections(said: Callable[..., list[RunWarning]]) -> None:

@@ -202,6 +202,9 @@ def test_what_files_of_integers_cut_off_is_told_with_what_to_divide_by() -> None
     assert warning.figures == {"share": pytest.approx(0.98), "brightest": 200.0}
     assert "In 98% of the picture" in warning.message
     assert "divide both photographs by 200 first" in warning.message
+    assert "; layers.exr, which was not asked for, holds all of it." in warning.message
+    (warning,) = white_warnings(photograph, np.inf, tiffs | {"layers.exr"})
+    assert "; layers.exr holds all of it." in warning.message
     assert white_warnings(photograph, np.inf, frozenset({"layers.exr", "lamps.jpg"})) == []
     assert white_warnings(photograph / np.float32(200), np.inf, tiffs) == []
     assert white_warnings(photograph, 1.0, tiffs) == []
