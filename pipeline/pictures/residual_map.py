@@ -86,7 +86,8 @@ def _draw_legend(picture: Picture, top: int) -> None:
         write_boxed(picture, f"{step * MOST / 4:.0%}{more}", (x, y + 36), picture.shape[1])
     x = left + length + 130
     cv2.rectangle(picture, (x, y), (x + 28, y + 15), _UNUSABLE, -1)
-    write(picture, "not usable: clipped, too dark or no flash", (x + 40, y + 14))
+    write(picture, "not usable: clipped, transparent, moved,", (x + 40, y + 14))
+    write(picture, "too dark, or no flash", (x + 40, y + 38))
 
 
 def _coloured(codes: NDArray[np.uint8]) -> Picture:

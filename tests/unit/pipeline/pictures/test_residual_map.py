@@ -198,6 +198,15 @@ def test_the_legend_shows_the_scale() -> None:
     assert (legend.min(axis=2) > 150).any(axis=1).sum() > 30  # words
 
 
+def test_the_legend_says_in_two_lines_what_is_not_usable() -> None:
+    legend = draw_residual_map(np.full((9, 9), np.nan, np.float32))[-LEGEND:]
+
+    words = legend[:, 554:].min(axis=2) > 150
+    assert words[44:62].any()
+    assert words[68:86].any()
+    assert not words[:, 900 - 8 - 554 :].any()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (3, 700), (700, 3)])
 def test_odd_shapes_are_drawn(shape: tuple[int, int]) -> None:
     picture = draw_residual_map(np.full(shape, np.nan, np.float32))
