@@ -274,3 +274,4 @@ def test_figures_of_a_camera_are_short_and_those_of_lamps_explained(results: Pat
     assert "iso 102400," in text
     for word in ("Temperature:", "Duv:", "Family:", "Confidence:", "Light separated:"):
         assert word in text
+    assert "filled in" not in text  # which layers of the method paper are not
