@@ -1,7 +1,8 @@
 """The photograph as under one neutral light: our approaches I and II; compiled.
 
 Source: Hui et al. 2018, supplement, white balance I and II, with matrices learnt from measured
-reflectances, and colours from the layers where the flash part is of no use.
+reflectances, colours from the layers where the flash part is of no use, and the strength of all
+light held to von Kries's where saturated colours do not tell it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ _BRIGHTEST = 4.0  # times the pixel's light
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
-_SINGULAR = 1e-6  # relative determinant; single precision tells less
+_HOLD = 0.05  # of the equations' own size, by which β is held to von Kries's
+_FAINT = 0.1  # of the flash part, below which a channel no longer tells von Kries's light
 _LEAST = 1e-30  # of what is divided by, so that single precision holds the result
 
 
@@ -53,6 +55,7 @@ class WhiteBalance:
         greens = whites_of(lamps, model)[:, 1]
         self._brightness = numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1])
         self._tensor = numbers_of(model.tensor.transpose(0, 2, 1))
+        self._card = numbers_of(model.flash_white)
         self._strength = float(np.linalg.norm(model.neutral))
         self._from_layers = tuple(numbers_of(one) for one in from_layers(lamps, model))
         self._white = numbers_of(neutral_white(model))
@@ -79,6 +82,7 @@ class WhiteBalance:
             self._matrices,
             self._brightness,
             self._tensor,
+            self._card,
             self._strength,
             self._to_neutral,
             self._from_layers,
@@ -133,6 +137,7 @@ def _balance(
     matrices: tuple[Numbers, ...],
     brightness: Numbers,
     tensor: Numbers,
+    card: Numbers,
     unit: float,
     to_neutral: Numbers,
     layers_to_neutral: tuple[Numbers, ...],
@@ -160,7 +165,7 @@ def _balance(
             _finish(lit, strength, trust, filled, clipped, white, out)
         if len(second[0]) > 0:
             seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
-            _by_strength(seen, part, lit, tensor, unit, strength)
+            _by_strength(seen, part, lit, tensor, card, unit, strength)
             out = second[0][y], second[1][y], second[2][y]
             _finish(lit, strength, trust, filled, clipped, white, out)
 
@@ -229,39 +234,56 @@ def _by_lamps(
 
 @compiled
 def _by_strength(
-    no_flash: Planes, flash: Planes, lit: Planes, d: Numbers, unit: float, strength: Plane
+    no_flash: Planes,
+    flash: Planes,
+    lit: Planes,
+    d: Numbers,
+    card: Numbers,
+    unit: float,
+    strength: Plane,
 ) -> None:
-    """Write ‖β‖/unit of a row; β by Cramer's rule from the columns c_j = D_j I_f, as published.
+    """Write ‖β‖/unit of a row; β that comes nearest to Σ_j β_j c_j = I_nf, c_j = D_j I_f.
 
+    Saturated colours leave β next to free, so that each of its channels is held to what von Kries
+    makes of it, as far as the flash part has that channel: least squares, by Cramer's rule.
     lit: T_n I_f, which the strength is not to make far brighter than the photograph.
     d: (3, 3, 3) by rows: channel of the result, column, channel of the flash part.
+    card: a white card's colour (3,) under the flash.
     """
-    zero, least = np.float32(0.0), np.float32(_LEAST)
+    zero, one, least = np.float32(0.0), np.float32(1.0), np.float32(_LEAST)
+    hold, faint = np.float32(_HOLD * _HOLD / 3.0), np.float32(_FAINT * _FAINT)
+    w0, w1, w2 = np.float32(card[0]), np.float32(card[1]), np.float32(card[2])
     reds, greens, blues = flash
     seen_0, seen_1, seen_2 = no_flash
     lit_0, lit_1, lit_2 = lit
     for x in range(len(strength)):
         r, g, b = reds[x], greens[x], blues[x]
         n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
+        inverse = one / np.sqrt(max(r * r + g * g + b * b, least))
+        r, g, b = r * inverse, g * inverse, b * inverse
         a0, b0, c0 = _times(d[0:9], r, g, b)
         a1, b1, c1 = _times(d[9:18], r, g, b)
         a2, b2, c2 = _times(d[18:27], r, g, b)
-        u0, u1, u2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
-        v0, v1, v2 = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
-        w0, w1, w2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-        determinant = abs(a0 * u0 + a1 * u1 + a2 * u2)
-        squared = a0 * a0 + a1 * a1 + a2 * a2
-        squared *= b0 * b0 + b1 * b1 + b2 * b2
-        squared *= c0 * c0 + c1 * c1 + c2 * c2
-        relative = determinant * np.float32(1.0 / _SINGULAR)
-        u = u0 * n0 + u1 * n1 + u2 * n2
-        v = v0 * n0 + v1 * n1 + v2 * n2
-        w = w0 * n0 + w1 * n1 + w2 * n2
-        length = np.sqrt(u * u + v * v + w * w) / (determinant * np.float32(unit))
-        # near-singular pixels give any length
+        aa, bb = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
+        cc = c0 * c0 + c1 * c1 + c2 * c2
+        ab, ac = a0 * b0 + a1 * b1 + a2 * b2, a0 * c0 + a1 * c1 + a2 * c2
+        bc = b0 * c0 + b1 * c1 + b2 * c2
+        weight = hold * (aa + bb + cc)
+        p0 = a0 * n0 + a1 * n1 + a2 * n2 + weight * (w0 * n0 * r / max(r * r, faint))
+        p1 = b0 * n0 + b1 * n1 + b2 * n2 + weight * (w1 * n1 * g / max(g * g, faint))
+        p2 = c0 * n0 + c1 * n1 + c2 * n2 + weight * (w2 * n2 * b / max(b * b, faint))
+        aa, bb, cc = aa + weight, bb + weight, cc + weight
+        u, v, w = bb * cc - bc * bc, ac * bc - ab * cc, ab * bc - ac * bb
+        determinant = aa * u + ab * v + ac * w
+        beta_0 = u * p0 + v * p1 + w * p2
+        beta_1 = v * p0 + (aa * cc - ac * ac) * p1 + (ab * ac - aa * bc) * p2
+        beta_2 = w * p0 + (ab * ac - aa * bc) * p1 + (aa * bb - ab * ab) * p2
+        length = np.sqrt(beta_0 * beta_0 + beta_1 * beta_1 + beta_2 * beta_2) * inverse
+        length /= max(determinant, least) * np.float32(unit)
+        # noise of faint channels gives any length
         limit = np.float32(_BRIGHTEST) * max(max(n0, n1), max(n2, zero))
         limit /= max(max(lit_0[x], lit_1[x]), max(lit_2[x], least))
-        strength[x] = min(length, limit) if relative * relative > squared else zero
+        strength[x] = min(length, limit)
 
 
 @compiled

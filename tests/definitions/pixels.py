@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hui2018.invariant import light_coefficients
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
@@ -26,7 +25,7 @@ Floats = NDArray[np.floating]
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _WELL, _KNOWN = 0.7, 0.2
-_BRIGHTEST = 4.0
+_BRIGHTEST, _HOLD, _FAINT = 4.0, 0.05, 0.1
 
 
 def shares(no_flash: Floats, predictions: Floats) -> Array:
@@ -236,9 +235,20 @@ def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles)
 
 
 def approach_2(strip: Strip, model: Model, to_neutral: Doubles) -> Image:
-    """‖β‖/‖b_n‖ T_n I_f, at most four times as bright as the photograph."""
-    length = np.linalg.norm(light_coefficients(strip.no_flash, strip.flash, model.tensor), axis=-1)
-    strength = length / np.linalg.norm(model.neutral)
+    """‖β‖/‖b_n‖ T_n I_f, at most four times as bright as the photograph.
+
+    β has the least ‖C β − I_nf‖² + (.05 ‖C‖)²/3 ‖β − β_k‖², with columns D_j I_f in C; β_k is von
+    Kries's, a channel of I_nf ÷ the same of I_f, this at least .1 of all, on a white card.
+    """
+    flash, no_flash = strip.flash.astype(np.float64), strip.no_flash.astype(np.float64)
+    columns = np.einsum("klj,...l->...kj", model.tensor, flash)
+    faint = _FAINT**2 * (flash * flash).sum(axis=2, keepdims=True)
+    kries = model.flash_white * no_flash * flash / np.maximum(np.maximum(flash**2, faint), 1e-30)
+    weight = _HOLD**2 / 3 * (columns**2).sum(axis=(2, 3))[..., None]
+    held = np.swapaxes(columns, 2, 3) @ columns + (weight + 1e-30)[..., None] * np.eye(3)
+    asked = np.einsum("...kj,...k->...j", columns, no_flash) + weight * kries
+    beta = np.linalg.solve(held, asked[..., None])[..., 0]
+    strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
     neutral = np.maximum(strength[..., None] * (strip.flash @ to_neutral.T), 0.0)
     limit = _BRIGHTEST * np.maximum(strip.no_flash.max(axis=2, keepdims=True), 0.0)
     gain = np.minimum(1.0, limit / np.maximum(neutral.max(axis=2, keepdims=True), 1e-9))
