@@ -7,12 +7,14 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import urlsplit
 
 import httpcore
 
 from service.addresses import ForbiddenAddressError, Networks, resolve
 
 _CONNECT_SECONDS = 5.0  # of those that an answer may take
+_PORTS = {"http": 80, "https": 443}  # that a host's name goes without
 
 
 class UnansweredError(Exception):
@@ -39,12 +41,13 @@ def post(
     backend = _CheckedBackend(private, time.monotonic() + seconds)
     timeouts = {"connect": _CONNECT_SECONDS, "read": seconds, "write": seconds, "pool": seconds}
     try:
+        target, host = _target(url)
         with (
             httpcore.ConnectionPool(network_backend=backend) as pool,
             pool.stream(
                 "POST",
-                url,
-                headers=list(headers.items()),
+                target,
+                headers=[("host", host), *headers.items()],
                 content=body,
                 extensions={"timeout": timeouts},
             ) as response,
@@ -58,6 +61,18 @@ def post(
     # Nothing of the cause, which may quote the address or what was sent.
     except (httpcore.NetworkError, httpcore.ProtocolError, OSError, ValueError) as error:
         raise UnansweredError(f"no connection or no HTTP ({type(error).__name__})") from None
+
+
+def _target(url: str) -> tuple[httpcore.URL, str]:
+    """What to ask for, and the header that names the host."""
+    # httpcore's own reading drops what follows a semicolon, and the brackets of IPv6 addresses.
+    parts = urlsplit(url)
+    host = parts.hostname or ""
+    path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+    named = f"[{host}]" if ":" in host else host
+    if parts.port is not None and parts.port != _PORTS.get(parts.scheme):
+        named += f":{parts.port}"
+    return httpcore.URL(scheme=parts.scheme, host=host, port=parts.port, target=path), named
 
 
 class _CheckedBackend(httpcore.NetworkBackend):

@@ -19,9 +19,13 @@ LOOPBACK = parse_networks("127.0.0.0/8")
 
 
 @contextlib.contextmanager
-def _server(serve: Callable[[socket.socket], None]) -> Iterator[int]:
+def _server(
+    serve: Callable[[socket.socket], None],
+    address: str = "127.0.0.1",
+    family: socket.AddressFamily = socket.AF_INET,
+) -> Iterator[int]:
     """Serve one connection; its port."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
+    with socket.create_server((address, 0), family=family) as listener:
 
         def accept() -> None:
             connection, _ = listener.accept()
@@ -55,6 +59,46 @@ def test_status_and_retry_after_come_back_and_the_body_is_not_read() -> None:
     lines = seen[0].decode().lower().splitlines()
     assert lines[0] == "post /a?b=c http/1.1"
     assert {f"host: 127.0.0.1:{port}", "content-length: 4", "content-type: text/plain"} <= {*lines}
+
+
+@pytest.mark.parametrize(
+    ("place", "line"),
+    [
+        ("/hooks/a;v=1?b=c;d=e", "POST /hooks/a;v=1?b=c;d=e HTTP/1.1"),
+        ("/hooks;a=1/b;", "POST /hooks;a=1/b; HTTP/1.1"),
+        ("//twice/%3B", "POST //twice/%3B HTTP/1.1"),
+        ("?b=c#d", "POST /?b=c HTTP/1.1"),
+        ("", "POST / HTTP/1.1"),
+    ],
+)
+def test_the_whole_url_is_called(place: str, line: str) -> None:
+    seen: list[bytes] = []
+    with _server(_answering("HTTP/1.1 204 Done\r\n\r\n", seen)) as port:
+        assert post(f"http://127.0.0.1:{port}{place}", {}, b"", LOOPBACK, 60).status == 204
+    assert seen[0].decode().splitlines()[0] == line
+
+
+def test_an_ipv6_address_is_named_in_brackets() -> None:
+    seen: list[bytes] = []
+    private = parse_networks("::1/128")
+    answer = _answering("HTTP/1.1 204 Done\r\n\r\n", seen)
+    with _server(answer, "::1", socket.AF_INET6) as port:
+        assert post(f"http://[::1]:{port}/a", {}, b"", private, 60).status == 204
+    hosts = [each for each in seen[0].decode().splitlines() if each.lower().startswith("host:")]
+    assert [each.partition(" ")[2] for each in hosts] == [f"[::1]:{port}"]
+
+
+@pytest.mark.parametrize(
+    ("url", "host"),
+    [
+        ("https://Example.org:443/a", "example.org"),
+        ("http://example.org:443/a", "example.org:443"),
+        ("http://[2001:DB8::1]/a", "[2001:db8::1]"),
+        ("http://example.org:/a", "example.org"),
+    ],
+)
+def test_a_host_is_named_without_the_port_that_is_usual(url: str, host: str) -> None:
+    assert outgoing._target(url)[1] == host
 
 
 def test_a_redirect_is_not_followed() -> None:
