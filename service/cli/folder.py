@@ -31,18 +31,18 @@ def new_results(target: Path) -> Iterator[Path]:
     where `target` cannot be written, and where a file that is no result of an earlier run would be
     lost.
     """
-    is_new = False
+    made: list[Path] = []
     try:
-        is_new = not target.exists()
+        made = [folder for folder in (target, *target.parents) if not folder.exists()]
         target.mkdir(parents=True, exist_ok=True)
         with partial_folder(target) as folder:
             yield folder
             with _alone(target):
                 _move(folder, target)
     except BaseException as error:
-        if is_new:
-            with contextlib.suppress(OSError):
-                target.rmdir()
+        for each in made:
+            with contextlib.suppress(OSError):  # it holds something, or was not made
+                each.rmdir()
         if isinstance(error, OSError):
             raise InputError(
                 f"The folder {target} cannot be written: {reason_of(error)}."

@@ -165,6 +165,27 @@ def test_a_failure_leaves_no_new_folder(tmp_path: Path) -> None:
     assert _names(tmp_path) == []
 
 
+@pytest.mark.parametrize("end", [SystemExit(143), KeyboardInterrupt(), ValueError()])
+def test_a_failure_leaves_none_of_the_folders_above_a_new_one(
+    end: BaseException, tmp_path: Path
+) -> None:
+    with pytest.raises(type(end)), new_results(tmp_path / "new" / "deep" / "pair"):
+        raise end
+    assert _names(tmp_path) == []
+
+
+def test_a_failure_leaves_the_folders_that_were_there_or_hold_anything(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError), new_results(tmp_path / "empty" / "pair"):
+        raise ValueError
+    with pytest.raises(ValueError), new_results(tmp_path / "new" / "second"):
+        _write(tmp_path / "new" / "first", "a")
+        raise ValueError
+    assert _names(tmp_path) == ["empty", "new"]
+    assert _names(tmp_path / "empty") == []
+    assert _names(tmp_path / "new") == ["first"]
+
+
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("a file")
     with pytest.raises(InputError, match="out cannot be written: file exists"):
