@@ -7,6 +7,7 @@ and forget the ones that are done, so forget_done() does.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import re
 import sys
@@ -25,13 +26,12 @@ from dbos import (
     DBOSConfig,
     DBOSPortableJSONSerializer,
     EnqueueOptions,
-    ScheduleInput,
     error,
 )
 
 from service.errors import StartError
 from service.problems import DATABASE_AWAY, cause_of
-from service.rows.database import AWAY
+from service.rows.database import AWAY, now
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
@@ -55,7 +55,8 @@ _CAPTURE_SECONDS = 1.0  # a look at cameras costs more than one at jobs
 _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
-_HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
+_HOUR_SECONDS = 3600
+_SCHEDULES = ("often", "hourly")  # that the version before had DBOS keep
 _AGAIN = re.compile(r"-again-(\d+)$")  # as run_id makes them
 _OF_A_JOB = re.compile(r"-(capture|(again|webhook)-\d+)$")  # as capture_id and telling_id do
 _HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notifications by itself
@@ -178,6 +179,21 @@ class Queue:
         if delay_seconds > 0:
             options["delay_seconds"] = delay_seconds
         self._client.enqueue_in_transaction(connection, options, job_id, number)
+
+    def submit_sweep(self, connection: sa.Connection, seconds: int, thorough: bool) -> None:
+        """Enqueue the sweep of the present `seconds` by the database's clock, in a transaction.
+
+        One that is enqueued already, by whichever worker, stays as it is.
+        """
+        moment = connection.execute(sa.select(now())).scalar_one()
+        kind = "thorough" if thorough else "often"
+        options = EnqueueOptions(
+            workflow_name=_SWEEP,
+            queue_name=_UPKEEP,
+            workflow_id=f"{_SWEEP}-{kind}-{int(moment // seconds)}",
+            app_version=_VERSION,
+        )
+        self._client.enqueue_in_transaction(connection, options, None, thorough)
 
     def withdraw(self, *job_ids: str) -> None:
         """Take jobs that wait out of their queues; of those put back, run finds no more to do."""
@@ -324,10 +340,8 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
     workflow(name=_CAPTURE)(lambda job_id: duties.capture(job_id))
     workflow(name=_TELLING_WORKFLOW)(lambda job_id, number: duties.tell(job_id, number))
 
-    @workflow(name=_SWEEP)
-    def run_sweep(_scheduled: object, thorough: bool) -> None:
-        duties.sweep(str(DBOS.workflow_id), thorough)
-
+    # None: workers of the version before give it a time there.
+    workflow(name=_SWEEP)(lambda _, thorough: duties.sweep(str(DBOS.workflow_id), thorough))
     captures = {captures_on(None), captures_on(host)}
     DBOS.listen_queues([JOBS, *captures, _TELLING_QUEUE, _UPKEEP])
     try:
@@ -337,7 +351,9 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
         ) from fault
     _register_queues(captures, captures_on(host), pace)
-    _schedule(run_sweep, pace.sweep_seconds)
+    for schedule in _SCHEDULES:
+        DBOS.delete_schedule(schedule)
+    threading.Thread(target=_call_sweeps, args=(engine, pace.sweep_seconds), daemon=True).start()
 
 
 def _again(queued: str) -> int:
@@ -371,18 +387,15 @@ def _register_queues(captures: Iterable[str], own: str, pace: Pace) -> None:
     )
 
 
-def _schedule(run_sweep: Callable[[object, bool], None], seconds: int) -> None:
-    """Bring one sweep into the queue at each time, however many workers there are."""
-    often = "0 * * * * *" if seconds == 60 else f"*/{seconds} * * * * *"
-    DBOS.apply_schedules(
-        [
-            ScheduleInput(
-                schedule_name=name,
-                workflow_fn=run_sweep,
-                schedule=cron,
-                context=thorough,
-                queue_name=_UPKEEP,
-            )
-            for name, cron, thorough in (("often", often, False), ("hourly", _HOURLY, True))
-        ]
-    )
+def _call_sweeps(engine: sa.Engine, seconds: int) -> None:
+    """Bring one sweep into the queue in each span of time, however many workers there are.
+
+    The schedules of DBOS go by the host's clock: set back, they wait until it is as late again, and
+    set forward they enqueue a sweep for each minute that there never was.
+    """
+    queue = Queue(engine)
+    while True:
+        with contextlib.suppress(sa.exc.DBAPIError, *AWAY), engine.begin() as connection:
+            queue.submit_sweep(connection, seconds, thorough=False)
+            queue.submit_sweep(connection, _HOUR_SECONDS, thorough=True)
+        time.sleep(seconds)

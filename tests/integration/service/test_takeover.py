@@ -97,6 +97,16 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
     assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
 
 
+def test_sweeps_go_by_the_clock_of_the_database_and_by_no_schedule(sweeping: Any) -> None:
+    """Those of DBOS go by the host's clock, and wait for as long as that is set back."""
+    database = sqlite3.connect(sweeping.data / "lightlayers.sqlite", timeout=60)
+    done = "SELECT COUNT(*) FROM workflow_status WHERE name = 'sweep' AND status = 'SUCCESS'"
+    sweeping.await_that("two sweeps are done", lambda: database.execute(done).fetchone()[0] > 1)
+    schedules = database.execute("SELECT COUNT(*) FROM workflow_schedules").fetchone()
+    database.close()
+    assert schedules == (0,)
+
+
 def test_a_sweep_of_which_the_worker_never_heard_is_done_again(sweeping: Any) -> None:
     """One is out of the queue at a time: nothing would be removed until that worker ends."""
     database = sqlite3.connect(

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import psycopg
@@ -10,6 +11,8 @@ import pytest
 import sqlalchemy as sa
 
 from service import dbos_queue, logs
+from service.opening import open_database
+from service.settings import Settings
 
 _REFUSED = "connection failed: refused\nIs it running?"
 _AWAY = [
@@ -88,3 +91,53 @@ def test_what_else_the_queue_says_is_told_as_it_is(
         "something odd",
     ]
     assert "traceback" in lines[1]
+
+
+def _sweeps(engine: sa.Engine) -> set[str]:
+    """Those that wait, by their ids."""
+    query = "SELECT workflow_uuid FROM workflow_status WHERE queue_name = 'upkeep'"
+    with engine.connect() as connection:
+        return set(connection.execute(sa.text(query)).scalars())
+
+
+def test_a_database_whose_clock_is_set_back_or_forward_has_one_sweep_for_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = open_database(Settings(data_dir=tmp_path))
+    queue = dbos_queue.Queue(engine)
+    day = 86400.0
+    for moment in (10 * day, 10 * day + 59, 10 * day + 60, 9 * day, 12 * day):
+        monkeypatch.setattr(dbos_queue, "now", lambda moment=moment: sa.literal(moment))
+        with engine.begin() as connection:
+            queue.submit_sweep(connection, 60, thorough=False)
+            queue.submit_sweep(connection, 3600, thorough=True)
+    queue.close()
+    assert _sweeps(engine) == {
+        *(f"sweep-often-{minute}" for minute in (14400, 14401, 12960, 17280)),
+        *(f"sweep-thorough-{hour}" for hour in (240, 216, 288)),
+    }
+    engine.dispose()
+
+
+def test_sweeps_are_called_again_after_the_database_was_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = open_database(Settings(data_dir=tmp_path))
+    answers = iter([sa.literal(0.0), sa.literal(0.0), None, sa.literal(90.0), sa.literal(90.0)])
+
+    def now() -> sa.ColumnElement[float]:
+        answer = next(answers)
+        if answer is None:
+            raise _AWAY[0]
+        return answer
+
+    def sleep(_seconds: float) -> None:
+        if len(_sweeps(engine)) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(dbos_queue, "now", now)
+    monkeypatch.setattr(dbos_queue, "time", SimpleNamespace(sleep=sleep))
+    with pytest.raises(KeyboardInterrupt):
+        dbos_queue._call_sweeps(engine, 60)
+    assert _sweeps(engine) == {"sweep-often-0", "sweep-thorough-0", "sweep-often-1"}
+    engine.dispose()
