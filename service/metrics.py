@@ -31,7 +31,7 @@ STAGE_SECONDS = Histogram(
 )
 TAKEOVERS = Counter(
     "lightlayers_takeovers",
-    "Jobs that this process put back into the queue, of workers that died or were stopped.",
+    "Jobs that this process put back into the queue, of workers that died with them in hand.",
 )
 STORE_ERRORS = Counter("lightlayers_store_errors", "Times that the store failed this process.")
 

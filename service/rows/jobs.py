@@ -220,6 +220,14 @@ def known(connection: sa.Connection, job_ids: Sequence[str]) -> set[str]:
     return set(connection.execute(found).scalars())
 
 
+def held(connection: sa.Connection, job_ids: Collection[str]) -> set[str]:
+    """Those of these jobs that workers have in hand, as their rows say: none that was put back."""
+    if not job_ids:  # as at most heartbeats
+        return set()
+    found = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), jobs.c.state.in_(HELD))
+    return set(connection.execute(found).scalars())
+
+
 def claim(
     connection: sa.Connection, job_id: str, worker: str, stage: str | None = None
 ) -> Job | None:

@@ -108,13 +108,16 @@ class Worker:
             held = self._queue.held()  # first: whoever holds something has beaten before
             with self._engine.begin() as connection:
                 living = heartbeats.living(connection, self._settings.silence_seconds)
-            dead = {one for one in held if one.worker not in living}
+                dead = {one for one in held if one.worker not in living}
+                lost = jobs.held(connection, {one.job for one in dead if one.runs})
             forgotten = self._forgotten(held)
             self._queue.put_back(dead | forgotten)
-            for one in dead:
+            # A worker that was stopped has put its jobs back itself, but for their queue's entries.
+            taken = {one for one in dead if one.job in lost or not one.runs}
+            for one in taken:
                 log.warning("taken over", extra={"job": one.job, "worker": self.id})
                 metrics.TAKEOVERS.inc(one.runs)
-            for one in forgotten:
+            for one in forgotten | (dead - taken):
                 log.warning("put back", extra={"job": one.job, "worker": self.id})
             self._fail_overdue()
             self._queue_news()

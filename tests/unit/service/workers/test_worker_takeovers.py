@@ -9,9 +9,10 @@ import pytest
 
 from service import dbos_queue, metrics
 from service.dbos_queue import Held
-from service.rows import heartbeats
+from service.rows import heartbeats, jobs
 from service.workers import presence
 from service.workers.worker import Worker
+from tests.unit.service.job_rows import added, claim, claimed
 
 
 def test_what_the_queues_forgot_to_bring_is_put_back(
@@ -46,6 +47,9 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
 def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
     one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    for job in ("a", "b"):
+        added(one._engine, job)
+        assert claim(one._engine, job, "another")
     held = [
         Held("a", "another", "jobs"),
         Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
@@ -58,6 +62,44 @@ def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
     one.keep()
     logged = {vars(line)["job"] for line in caplog.records if line.message == "taken over"}
     assert logged == {"a", "b", "c", "sched-often-1"}
+    assert metrics.TAKEOVERS._value.get() - before == 2
+
+
+def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its rows wait again, and nothing but its entries in the queue tells that it had them."""
+    caplog.set_level("WARNING")
+    for job in ("lost", "released", "canceling", "never begun", "ended"):
+        added(one._engine, job)
+        if job != "never begun":
+            row = claimed(one._engine, job, "another")
+            with one._engine.begin() as connection:
+                if job == "released":
+                    assert jobs.release(connection, row)
+                if job == "canceling":
+                    jobs.request_cancel(connection, job)
+                if job == "ended":
+                    assert jobs.fail(connection, row, {})
+    with one._engine.begin() as connection:
+        heartbeats.leave(connection, "another")
+    held = [
+        Held(dbos_queue.run_id(job, again), "another", "jobs")
+        for again, job in enumerate(["lost", "released", "canceling", "never begun", "ended"])
+    ]
+    put_back: list[set[Held]] = []
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", put_back.append)
+    before = metrics.TAKEOVERS._value.get()
+    one.keep()
+    assert put_back == [set(held)]
+    assert {(line.message, vars(line)["job"]) for line in caplog.records} == {
+        ("taken over", "lost"),
+        ("taken over", "canceling"),
+        ("put back", "released"),
+        ("put back", "never begun"),
+        ("put back", "ended"),
+    }
     assert metrics.TAKEOVERS._value.get() - before == 2
 
 
