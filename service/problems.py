@@ -210,8 +210,11 @@ def problem_of(error: Exception, trace_id: str) -> Problem:
 def cause_of(error: Exception) -> str:
     """Give the first line of what went wrong; no library puts a password there.
 
-    Of an S3 store's answer in XML it has the code, like InvalidAccessKeyId.
+    Of an S3 store's answer in XML it has the code, like InvalidAccessKeyId; of a file or folder
+    that cannot be used its name and the reason.
     """
     original = getattr(error, "orig", None) or error
+    if isinstance(original, OSError) and original.filename is not None:
+        return f"{original.filename}: {pipeline_errors.reason_of(original)}"
     said = _S3_ERROR.sub(r"\1", str(original).strip())
     return said.partition("\n")[0].rstrip(".")

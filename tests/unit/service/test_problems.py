@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import psycopg.errors
 import pytest
 import sqlalchemy as sa
@@ -120,6 +122,14 @@ def test_of_what_a_store_refuses_its_code_is_told(end: str) -> None:
 )
 def test_without_a_code_the_first_line_is_told(said: str, cause: str) -> None:
     assert cause_of(obstore_errors.GenericError(said)) == cause
+
+
+def test_of_a_folder_its_name_is_told_and_no_number(tmp_path: Path) -> None:
+    (tmp_path / "a file").write_bytes(b"")
+    with pytest.raises(FileExistsError) as caught:
+        (tmp_path / "a file").mkdir(exist_ok=True)
+    assert cause_of(caught.value) == f"{tmp_path / 'a file'}: file exists"
+    assert cause_of(OSError("no route")) == "no route"
 
 
 def test_every_error_of_the_service_and_of_bad_input_has_a_kind() -> None:
