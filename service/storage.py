@@ -41,6 +41,8 @@ class Storage:
         is_folder = (parts.scheme, parts.netloc) == ("file", "") and url.startswith("file:///")
         if not (is_folder or (parts.scheme == "s3" and parts.netloc)):
             raise ValueError("it is like file:///folder or s3://bucket/prefix")
+        if set("?#") & set(url):  # what follows would be left out, and another folder be used
+            raise ValueError("write ? and # in it as %3F and %23")
         self._puts = threading.Semaphore(_PUTS)
         self._folder = Path(url2pathname(parts.path)) if is_folder else None
         self._store: ObjectStore = (

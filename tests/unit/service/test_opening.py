@@ -87,6 +87,27 @@ def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("mark", ["?", "#", "#shots/store", "?shots/store"])
+@pytest.mark.parametrize("place", ["file://{}/photographs", "s3://bucket/photographs"])
+def test_a_store_is_never_another_folder_than_was_written(
+    place: str, mark: str, tmp_path: Path
+) -> None:
+    """What follows these marks is no part of a URL's path, and was left out."""
+    with pytest.raises(StartError) as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url=place.format(tmp_path) + mark))
+    assert str(caught.value) == (
+        "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the AWS_ "
+        "variables (write ? and # in it as %3F and %23)."
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_data_folder_may_have_any_name(tmp_path: Path) -> None:
+    data_dir = tmp_path / "a #1? 100%"
+    open_storage(Settings(data_dir=data_dir)).put("a", b"light")
+    assert (data_dir / "store" / "a").read_bytes() == b"light"
+
+
 @pytest.mark.parametrize(
     "url",
     ["memory:///", "gs://bucket", "s3:///x", "file:folder", "file://folder/store", "/folder"],
