@@ -7,7 +7,6 @@ and forget the ones that are done, so forget_done() does.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import re
 import sys
@@ -30,6 +29,7 @@ from dbos import (
 )
 
 from service.errors import StartError
+from service.patience import note
 from service.problems import DATABASE_AWAY, cause_of
 from service.rows.database import AWAY, now
 
@@ -63,6 +63,8 @@ _HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notificati
 _OUTAGE_SECONDS = 10.0  # between two lines on what hinders the queue
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
 _BATCH = 500  # forgotten in a transaction
+
+log = logging.getLogger("service.dbos_queue")
 
 
 def migrate(engine: sa.Engine) -> None:
@@ -353,7 +355,8 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
     _register_queues(captures, captures_on(host), pace)
     for schedule in _SCHEDULES:
         DBOS.delete_schedule(schedule)
-    threading.Thread(target=_call_sweeps, args=(engine, pace.sweep_seconds), daemon=True).start()
+    calling = (Queue(engine), engine, worker, pace.sweep_seconds)
+    threading.Thread(target=_call_sweeps, args=calling, daemon=True).start()
 
 
 def _again(queued: str) -> int:
@@ -387,15 +390,17 @@ def _register_queues(captures: Iterable[str], own: str, pace: Pace) -> None:
     )
 
 
-def _call_sweeps(engine: sa.Engine, seconds: int) -> None:
+def _call_sweeps(queue: Queue, engine: sa.Engine, worker: str, seconds: int) -> None:
     """Bring one sweep into the queue in each span of time, however many workers there are.
 
     The schedules of DBOS go by the host's clock: set back, they wait until it is as late again, and
     set forward they enqueue a sweep for each minute that there never was.
     """
-    queue = Queue(engine)
     while True:
-        with contextlib.suppress(sa.exc.DBAPIError, *AWAY), engine.begin() as connection:
-            queue.submit_sweep(connection, seconds, thorough=False)
-            queue.submit_sweep(connection, _HOUR_SECONDS, thorough=True)
+        try:
+            with engine.begin() as connection:
+                queue.submit_sweep(connection, seconds, thorough=False)
+                queue.submit_sweep(connection, _HOUR_SECONDS, thorough=True)
+        except Exception as failure:  # the next one does what this one would have done
+            note(log, "no sweep was called for", failure, worker=worker)
         time.sleep(seconds)

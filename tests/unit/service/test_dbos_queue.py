@@ -119,8 +119,12 @@ def test_a_database_whose_clock_is_set_back_or_forward_has_one_sweep_for_each_ti
     engine.dispose()
 
 
-def test_sweeps_are_called_again_after_the_database_was_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("failure", [_AWAY[0], ValueError("a fault of ours")])
+def test_sweeps_are_called_again_after_what_hindered_one(
+    failure: Exception,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     engine = open_database(Settings(data_dir=tmp_path))
     answers = iter([sa.literal(0.0), sa.literal(0.0), None, sa.literal(90.0), sa.literal(90.0)])
@@ -128,7 +132,7 @@ def test_sweeps_are_called_again_after_the_database_was_away(
     def now() -> sa.ColumnElement[float]:
         answer = next(answers)
         if answer is None:
-            raise _AWAY[0]
+            raise failure
         return answer
 
     def sleep(_seconds: float) -> None:
@@ -138,6 +142,9 @@ def test_sweeps_are_called_again_after_the_database_was_away(
     monkeypatch.setattr(dbos_queue, "now", now)
     monkeypatch.setattr(dbos_queue, "time", SimpleNamespace(sleep=sleep))
     with pytest.raises(KeyboardInterrupt):
-        dbos_queue._call_sweeps(engine, 60)
+        dbos_queue._call_sweeps(dbos_queue.Queue(engine), engine, "host-1", 60)
     assert _sweeps(engine) == {"sweep-often-0", "sweep-thorough-0", "sweep-often-1"}
+    [line] = [line for line in caplog.records if line.name == "service.dbos_queue"]
+    assert line.message.startswith("no sweep was called for")
+    assert vars(line)["worker"] == "host-1"
     engine.dispose()
