@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,7 +35,7 @@ def test_a_hand_turns_a_camera() -> None:
     found = align._turned(40, -20, 2, 1000, 800)
     focal = 500 / np.tan(np.radians(25))
 
-    def rays(points: np.ndarray) -> np.ndarray:
+    def rays(points: Any) -> Any:
         out = np.column_stack([(points - (500, 400)) / focal, np.ones(len(points))])
         return out / np.linalg.norm(out, axis=1, keepdims=True)
 
