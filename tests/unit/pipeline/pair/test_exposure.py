@@ -65,6 +65,24 @@ def test_absurd_exposures_are_refused(frame: Callable[..., Frame], iso: float) -
         )
 
 
+@pytest.mark.parametrize(("ratio", "refused"), [(999, False), (1001, True)])
+def test_exposures_may_differ_a_thousand_times(
+    frame: Callable[..., Frame], ratio: float, refused: bool
+) -> None:
+    for times in (ratio, 1 / ratio):
+        once, other = photograph(frame, time_s=1), photograph(frame, time_s=times)
+        unknown = photograph(frame)
+        if refused:
+            with pytest.raises(OptionError, match=r"^The exposures in the files differ"):
+                written_ratio(once, other, Options())
+            with pytest.raises(OptionError, match=r"^An exposure ratio of .* cannot be: pass the"):
+                written_ratio(unknown, unknown, Options(exposure_ratio=times))
+        else:
+            assert written_ratio(once, other, Options()).value == pytest.approx(times)
+            given = written_ratio(unknown, unknown, Options(exposure_ratio=times))
+            assert given == ExposureRatio(times, "option")
+
+
 @pytest.mark.parametrize("source", ["exif", "option"])
 @pytest.mark.parametrize("unreached", [None, 1.0, 1.03, 0.97])
 def test_a_ratio_that_fits_is_kept_without_a_word(source: str, unreached: float | None) -> None:
