@@ -251,6 +251,24 @@ def test_clipped_areas_do_not_seem_to_have_no_noise(height: int, width: int, sha
     assert found.grain == 1
 
 
+def test_clipped_areas_do_not_count_among_those_that_are_like_the_quiet_ones() -> None:
+    """Two fifths of what is open are quiet: too few for the others to be laid beside their line."""
+    light = wedge(600)
+    times = np.where(np.arange(600) // 8 % 15 < 6, 1, 40)[:, None, None]
+    one, other = (
+        np.asarray(light + times * (noisy(light, seed) - light), np.float32) for seed in (1, 2)
+    )
+    level = np.full(3, 0.4)
+    whole = estimate_noises(one, other)[0].variance(level)
+    clipped = np.zeros((600, 256), bool)
+    clipped[:352] = True
+    one[clipped] = other[clipped] = 1.0
+
+    found, _ = estimate_noises(one, other, clipped)
+
+    np.testing.assert_allclose(found.variance(level) / whole, 1, atol=0.05)
+
+
 def test_where_nearly_all_is_clipped_all_of_it_is_looked_at() -> None:
     one, other = noisy(wedge(), 1), noisy(wedge(), 2)
     clipped = np.ones((256, 256), bool)

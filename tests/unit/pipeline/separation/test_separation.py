@@ -252,15 +252,18 @@ def test_paper_leaves_clipped_pixels_as_they_come_but_says_so(
 
 
 @pytest.mark.parametrize("method", ["best", "paper"])
+@pytest.mark.parametrize("flash_only", [False, True])
 def test_a_pair_with_nothing_to_use_stays_finite(
     pair_of: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
+    flash_only: bool,
     method: str,
 ) -> None:
     dark = np.zeros((40, 48, 3))
-    pair = pair_of(dark, dark, unusable=np.ones((40, 48), bool))
+    unusable = np.ones((40, 48), bool)
+    pair = pair_of(dark, dark, unusable=unusable, flash_only=flash_only)
 
     found = separated(pair, lamps_of(warm_to_cool), method)
 
