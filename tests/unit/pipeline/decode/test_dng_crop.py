@@ -143,6 +143,22 @@ def test_a_crop_counts_from_the_margins(cropped: bytes) -> None:
     assert shown_part(opened(), cropped) == np.s_[4:54, 6:86]
 
 
+@pytest.mark.parametrize(
+    ("sizes", "part"),
+    [
+        ({"crop_top_margin": 2, "crop_left_margin": 4}, np.s_[0:50, 0:80]),
+        ({"crop_top_margin": 12, "crop_left_margin": 14}, np.s_[10:60, 10:90]),
+    ],
+)
+def test_a_crop_may_lie_at_an_edge(cropped: bytes, sizes: dict[str, Any], part: Part) -> None:
+    assert shown_part(opened(**sizes), cropped) == part
+
+
+@pytest.mark.parametrize("side", ["crop_height", "crop_width"])
+def test_a_crop_of_nothing_is_passed_over(cropped: bytes, side: str) -> None:
+    assert shown_part(opened(**{side: 0}), cropped) is None
+
+
 def test_crops_of_other_raw_files_are_passed_over(dng_file: Write) -> None:
     assert shown_part(opened(), dng_file(noise(64, 96))) is None
     assert shown_part(opened(), b"FUJIFILMCCD-RAW 0201") is None
