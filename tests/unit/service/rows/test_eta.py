@@ -168,6 +168,18 @@ def test_without_a_living_worker_nothing_is_promised(connection: sa.Connection) 
     assert _etas(connection, "a") == {}
 
 
+def test_of_a_job_whose_place_is_not_known_no_end_is(connection: sa.Connection) -> None:
+    """It was begun or canceled between the reading of its row and of the queue."""
+    heartbeats.beat(connection, "w1")
+    _done(connection, "0", {"layers": 100.0})
+    for job_id in "ab":
+        _add(connection, job_id)
+    found = eta.etas(
+        connection, Settings(), [_job(connection, "a"), _job(connection, "b")], {"b": 1}
+    )
+    assert set(found) == {"b"}
+
+
 def test_the_last_jobs_are_found_by_an_index(engine: sa.Engine, connection: sa.Connection) -> None:
     heartbeats.beat(connection, "w1")
     _done(connection, "0", {"layers": 100.0})
