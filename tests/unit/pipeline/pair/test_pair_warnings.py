@@ -9,8 +9,14 @@ from numpy.typing import NDArray
 
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
+from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.pair import make_pair
-from pipeline.pair.pair_warnings import rendering_warnings, unsteady_warnings
+from pipeline.pair.pair_warnings import (
+    copy_warnings,
+    darkening_warnings,
+    rendering_warnings,
+    unsteady_warnings,
+)
 from pipeline.pair.steadiness import Ratios
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
@@ -33,6 +39,36 @@ def test_what_looks_like_the_photograph_over_again_is_warned_of(
     (warning,) = warned((before, after))
 
     assert warning.message.startswith("What the flash added looks like the photograph without it")
+
+
+@pytest.mark.parametrize("flash_only", [False, True])
+@pytest.mark.parametrize(
+    ("stops", "colours", "told"),
+    [
+        (0.7, (0.0, 0.0, 0.0), True),  # 0.35 between the quartiles
+        (0.9, (0.0, 0.0, 0.0), False),
+        (0.0, (0.7, 0.0, -0.2), True),
+        (0.0, (0.9, 0.0, -0.9), False),  # a lamp that lights what the flash does, in its own colour
+    ],
+)
+def test_a_flash_part_is_a_copy_within_its_spread_and_its_colours(
+    stops: float, colours: tuple[float, ...], told: bool, flash_only: bool
+) -> None:
+    """stops: from edge to edge of the picture. colours: stops by channel."""
+    before = np.full((64, 800, 3), 0.2)
+    across = stops * np.linspace(-0.5, 0.5, 800)[None, :, None]
+    part = 0.5 * before * 2 ** (across + np.array(colours))
+    after = part if flash_only else before + part
+
+    found = copy_warnings(before.astype(np.float32), after.astype(np.float32), flash_only)
+
+    assert [warning.code for warning in found] == ["flash_like_lamps"] * told
+
+
+def test_where_the_flash_adds_nothing_there_is_no_copy() -> None:
+    before = np.full((4, 4, 3), 0.2, np.float32)
+
+    assert copy_warnings(before, before, flash_only=False) == []
 
 
 @pytest.mark.parametrize(
@@ -147,3 +183,34 @@ def test_lamps_that_flicker_are_told_of_an_upright_pair(frame: Callable[..., Fra
     before, after = (frame(np.rot90(light, -1), **given) for light in lying)
 
     assert [warning.code for warning in warned((before, after))] == ["flicker"]
+
+
+@pytest.mark.parametrize(
+    ("source", "share", "code"),
+    [
+        ("option", 0.0019, None),
+        ("option", 0.0021, "exposure_mismatch"),
+        ("exif", 0.0021, None),
+        ("exif", 0.0099, None),
+        ("exif", 0.0101, "light_changed"),
+    ],
+)
+def test_a_ratio_that_people_give_is_doubted_sooner_than_the_light(
+    source: str, share: float, code: str | None
+) -> None:
+    found = darkening_warnings(ExposureRatio(1.0, source), banded(40, 40, True), share)
+
+    assert [warning.code for warning in found] == [code] * (code is not None)
+    assert all(warning.figures["share"] == share for warning in found)
+
+
+@pytest.mark.parametrize(("moved", "told"), [(0.002, False), (0.0021, True)])
+def test_motion_is_told_of_in_more_than_a_500th_of_the_picture(moved: float, told: bool) -> None:
+    logs = np.zeros((60, 60, 3))
+    still = Ratios(np.ones_like(logs), logs, logs + 1e-3, np.ones((60, 60), bool), 1)
+
+    found = unsteady_warnings(still, moved, 1)
+
+    assert [(warning.code, warning.figures) for warning in found] == [
+        ("moved", {"share": moved})
+    ] * told
