@@ -88,6 +88,15 @@ def test_values_are_between_black_and_white(linear: Write, levels: tuple[Any, ..
     np.testing.assert_allclose(frame.pixels, light(), atol=5e-5)
 
 
+def test_values_above_white_are_as_white(linear: Write) -> None:
+    values = np.full((64, 96, 3), 60000, np.uint16)
+
+    frame = decode(in_jpeg_xl(linear(values, listed(*lines()), (WHITE, "H", 1, 50000))))
+
+    expected = np.broadcast_to([0.4, 0.9, 0.6], values.shape)
+    np.testing.assert_allclose(frame.pixels, expected, atol=5e-5)
+
+
 def test_each_colour_has_its_own_levels(linear: Write) -> None:
     """As they are written uncompressed; LibRaw itself puts different ones on one scale."""
     black = np.array([900, 1000, 1100])

@@ -69,6 +69,17 @@ def test_samples_are_found(
     assert_same(dng(samples, **layout), dng(samples))
 
 
+@pytest.mark.parametrize("shape", [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)], ids=["mosaic", "linear"])
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_floats_in_tiles_that_end_with_the_picture_are_found(
+    dng: Write, shape: tuple[int, ...], kind: type
+) -> None:
+    samples = (np.random.default_rng(5).integers(0, 1000, shape) / 1024).astype(kind)
+    white = (WHITE, "H", 1, 1)
+
+    assert_same(dng(samples, white, tile=(32, 32)), dng(samples, white))
+
+
 @pytest.mark.parametrize("shape", [(HEIGHT, 97), (HEIGHT, 97, 3)], ids=["mosaic", "linear"])
 @pytest.mark.parametrize("bits", [10, 12, 14])
 def test_packed_samples_are_found(dng: Write, shape: tuple[int, ...], bits: int) -> None:
