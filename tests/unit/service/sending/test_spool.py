@@ -54,6 +54,12 @@ def test_a_pair_is_kept_as_it_was_given(spool: Spool, folder: Path) -> None:
     }
 
 
+def test_photographs_in_it_are_nobody_elses_to_read(spool: Spool, folder: Path) -> None:
+    spool.put_aside(spool.add("shot", PAIR, {}), "no pair")
+    for name in ("waiting", "aside"):
+        assert (folder / name).stat().st_mode & 0o777 == 0o700
+
+
 def test_pairs_come_out_in_order_though_the_clock_was_set_back(spool: Spool, folder: Path) -> None:
     names = ["20260101T000000-000Z", "20250101T000000-000Z", "20270101T000000-000Z"]
     for name in names:
