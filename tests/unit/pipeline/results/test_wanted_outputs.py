@@ -215,3 +215,43 @@ def test_a_few_highlights_above_white_are_not_told_of() -> None:
     photograph[0, :99] = 3.0
 
     assert white_warnings(photograph, np.inf, frozenset({"layers.psd"})) == []
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0075, False), (0.0125, True)])
+def test_light_just_above_white_is_told_of_in_more_than_a_hundredth(
+    share: float, told: bool
+) -> None:
+    photograph = np.full((80, 100, 3), 1.0, np.float32)
+    photograph.reshape(-1, 3)[: round(share * 8000), 2] = 1.01
+
+    found = white_warnings(photograph, np.inf, frozenset({"lamps.tif"}))
+
+    assert [warning.figures["share"] for warning in found] == [pytest.approx(share)] * told
+
+
+def test_who_divides_by_what_is_told_keeps_all_but_the_brightest_200th() -> None:
+    photograph = np.full((100, 100, 3), 1.5, np.float32)
+    photograph[0], photograph[1, :40] = 3.0, 90.0
+
+    (warning,) = white_warnings(photograph, np.inf, frozenset({"lamps.tif"}))
+
+    assert warning.figures == {"share": 1.0, "brightest": 3.0}
+
+
+@pytest.mark.parametrize("size", [(5000, 40), (40, 5000)])
+def test_of_a_tall_photograph_no_more_is_looked_at_than_of_a_wide_one(
+    size: tuple[int, int],
+) -> None:
+    looked_at: list[Any] = []
+
+    class Looked:
+        shape = (*size, 3)
+
+        def __getitem__(self, part: Any) -> Any:
+            looked_at.append(part)
+            return np.zeros((1, 1, 3), np.float32)
+
+    photograph: Any = Looked()
+
+    assert white_warnings(photograph, np.inf, frozenset({"lamps.tif"})) == []
+    assert looked_at == [np.s_[::5, ::5]]
