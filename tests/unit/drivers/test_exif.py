@@ -34,6 +34,15 @@ def test_raw_files_of_canon_and_fuji_tell_their_exposure_where_no_tiff_reader_lo
     assert read_exposure(raf(jpeg(SOUND))) == expected
 
 
+def test_an_empty_box_is_no_end_of_what_canon_writes() -> None:
+    photograph, empty = cr3(SOUND), b"\0\0\0\x08free"
+    first = int.from_bytes(photograph[:4], "big")
+
+    found = read_exposure(photograph[:first] + empty + photograph[first:])
+
+    assert found == read_exposure(photograph)
+
+
 @pytest.mark.parametrize(
     "photograph",
     [

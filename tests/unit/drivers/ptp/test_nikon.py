@@ -47,6 +47,41 @@ def test_calls_are_made_of_cameras_of_nikon_alone(
     assert (calls.can_capture, calls.can_tell) == (ours, ours)
 
 
+def made_by_nikon(clock: Clock) -> tuple[Calls, Session]:
+    device = DeviceInfo(CALLS, (), (), (), "Nikon", "Model", "1", "", NIKON)
+    session = Session(InProcessTransport(a_body(clock, "native"), clock), clock)
+    return Calls(session, device), session
+
+
+def test_a_release_neither_focuses_nor_leaves_the_card_out(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, session = made_by_nikon(clock)
+    asked: list[tuple[int, ...]] = []
+    monkeypatch.setattr(session, "request_once", lambda *what: asked.append(what))
+
+    calls.capture()
+
+    assert asked == [(0x9207, 0xFFFFFFFF, 0)]
+
+
+def test_more_than_a_thousand_events_are_no_list_of_them(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, session = made_by_nikon(clock)
+    monkeypatch.setattr(session, "is_busy", lambda _operation: False)
+    for count in (1000, 1001):
+        event = (0x4002).to_bytes(2, "little") + (7).to_bytes(4, "little")
+        data = count.to_bytes(2, "little") + count * event
+        monkeypatch.setattr(session, "request", lambda _operation, data=data: (data, ()))
+        if count == 1000:
+            told = calls.events(timeout_s=0)
+            assert [(one.code, one.parameters) for one in told] == [(0x4002, (7,))] * 1000
+        else:
+            with pytest.raises(ProtocolError, match="tells of 1001 events at once"):
+                calls.events(timeout_s=0)
+
+
 def test_a_camera_that_names_another_extension_is_asked_for_its_events(clock: Clock) -> None:
     body = a_body(clock, "native")
     assert body.model.vendor != NIKON

@@ -32,6 +32,31 @@ def test_values_and_numbers_translate_both_ways(
     assert CODECS[name].decode(number) == value
 
 
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        (
+            SettingName.FLASH,
+            ["auto", "off", "fill", "red_eye_auto", "red_eye_fill", "external"],
+        ),
+        (
+            SettingName.WHITE_BALANCE,
+            ["manual", "auto", "one_push", "daylight", "fluorescent", "tungsten", "flash"],
+        ),
+        (
+            SettingName.PROGRAM,
+            ["manual", "auto", "aperture", "shutter", "creative", "action", "portrait"],
+        ),
+        (SettingName.FOCUS, ["manual", "auto", "macro"]),
+        (SettingName.DRIVE, ["single", "burst", "timelapse"]),
+    ],
+)
+def test_names_have_the_numbers_of_iso_15740_which_begin_with_1(
+    name: SettingName, numbers: list[str]
+) -> None:
+    assert [CODECS[name].decode(number) for number in range(1, len(numbers) + 1)] == numbers
+
+
 def test_every_setting_has_a_property_of_its_own() -> None:
     assert set(CODECS) == set(SettingName)
     assert len({codec.code for codec in CODECS.values()}) == len(CODECS)
