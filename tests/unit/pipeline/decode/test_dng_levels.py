@@ -13,7 +13,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.decode.dng_levels import dng_levels
+from pipeline.decode.dng_levels import Levels, dng_levels
 from pipeline.decode.dng_linear import scaled
 from tests.refusal import refusal
 
@@ -409,3 +409,14 @@ def test_other_raw_files_have_no_levels(tiff_file: Write) -> None:
 
 def test_levels_that_are_no_numbers_are_for_libraw_to_judge(dng: Write) -> None:
     assert dng_levels(dng(flat(0), (BLACK, "s", 0, "dark"))) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "begins"),
+    [((1, 2), True), ((3, 6), True), ((2, 2), False), ((1, 3), False), ((1, 4), False)],
+)
+def test_black_repeats_from_the_active_area_on(place: tuple[int, int], begins: bool) -> None:
+    none = np.zeros(1)
+    levels = Levels((1, 2), np.zeros((2, 4, 1)), none, none, np.ones(1))
+
+    assert levels.repeats_from(*place) is begins
