@@ -46,7 +46,7 @@ def codec(device: DeviceInfo, description: PropertyDescription) -> Codec | None:
     offered = set(description.values) if description.form is Form.ENUMERATION else set()
     if not offered:
         return None
-    if max(offered) > 3 and 3 not in offered:  # the older ones have no 3
+    if 3 not in offered:  # the older ones have none; JPEGs have the same numbers in both
         return _OLDER_FORMATS if offered <= _OLDER_FORMATS.names.keys() else None
     return _FORMATS if offered <= _FORMATS.names.keys() else None
 
