@@ -108,8 +108,9 @@ def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
             continue
         start = position + 4
         end = position + 2 + int.from_bytes(data[position + 2 : start], "big")
-        if not start < end <= len(data):  # cut off, for the decoder to judge
+        if not start <= end <= len(data):  # cut off, for the decoder to judge
             break
         kind = data[position + 1]
-        yield kind, start, end
+        if start < end:  # comments may be empty
+            yield kind, start, end
         position = end

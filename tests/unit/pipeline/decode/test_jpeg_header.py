@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -11,7 +12,7 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.decode.jpeg_header import frame, plain_header
+from pipeline.decode.jpeg_header import exif_block, frame, is_whole_header, plain_header
 from pipeline.errors import UnreadableImageError
 
 Codes = NDArray[np.uint8]
@@ -103,7 +104,11 @@ def test_a_header_cut_off_anywhere_stays_as_it_is(codes: Codes, pillow_file: Wri
 
     for end in range(data.index(b"\xff\xda") + 20):
         assert plain_header(data[:end]) == data[:end]
-    for segment in (b"\xff\xe0\0\7JFIF\0", b"\xff\xee\0\7Adobe", b"\xff\xc0\0\2\xff\xda\0\4\0\0"):
+    for segment in (
+        b"\xff\xe0\0\7JFIF\0",
+        b"\xff\xee\0\7Adobe",
+        b"\xff\xc0\0\3\0\xff\xda\0\5\0\0\0",
+    ):
         assert plain_header(b"\xff\xd8" + segment) == b"\xff\xd8" + segment
 
 
@@ -115,3 +120,25 @@ def test_a_frame_tells_its_process_and_components(codes: Codes, pillow_file: Wri
     assert frame(bytes(imagecodecs.ljpeg_encode(grey))) == (0xC3, 1)
     assert frame(b"") is None
     assert frame(pillow_file(codes, "JPEG")[:20]) is None
+
+
+@pytest.mark.parametrize("between", [b"\xff\xfe\0\2", b"\xff\xff"], ids=["comment", "fill"])
+def test_an_empty_comment_and_fill_bytes_hide_nothing_that_comes_after(
+    codes: Codes, pillow_file: Write, exif_of: Callable[..., Any], between: bytes
+) -> None:
+    data = pillow_file(codes, "JPEG", exif=exif_of({271: "Maker", 274: 6}, {34855: 400}))
+    changed = data[:2] + between + data[2:]
+
+    assert exif_block(changed) == exif_block(data) != b""
+    assert frame(changed) == (0xC0, 3)
+    assert is_whole_header(changed)
+    found = decode(changed)
+    assert (found.make, found.exposure.iso, found.size) == ("Maker", 400, (48, 64))
+    np.testing.assert_array_equal(decode(changed[:-2]).pixels, decode(data).pixels)
+
+
+def test_an_empty_frame_and_an_empty_scan_tell_nothing() -> None:
+    for data in (b"\xff\xd8\xff\xc0\0\2", b"\xff\xd8\xff\xc0\0\2\xff\xda\0\2"):
+        assert frame(data) is None
+        assert not is_whole_header(data)
+        assert plain_header(data) == data
