@@ -74,7 +74,7 @@ def test_samples_are_found(
 def test_floats_in_tiles_that_end_with_the_picture_are_found(
     dng: Write, shape: tuple[int, ...], kind: type
 ) -> None:
-    samples = (np.random.default_rng(5).integers(0, 1000, shape) / 1024).astype(kind)
+    samples: NDArray[Any] = (np.random.default_rng(5).integers(0, 1000, shape) / 1024).astype(kind)
     white = (WHITE, "H", 1, 1)
 
     assert_same(dng(samples, white, tile=(32, 32)), dng(samples, white))
