@@ -22,7 +22,7 @@ NOTABLE_MOTION = 0.002
 _EXPOSURES_DIFFER = 0.15  # in stops
 _COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
-_COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
+_COPY_COLOUR_SPREAD = 0.25  # the same of channels against all three: a copy has the lamps' colour
 _NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002  # shares of the picture that are told of
 
 
@@ -140,9 +140,10 @@ def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> 
     if not lit.any():
         return []
     before, part = before[lit], part[lit]
-    if _spread(part.sum(axis=1) / before.sum(axis=1)) > _COPY_SPREAD:
+    ratio = part.sum(axis=1) / before.sum(axis=1)
+    if _spread(ratio) > _COPY_SPREAD:
         return []
-    if _spread(part / before) > _COPY_COLOUR_SPREAD:  # a lamp that shines like the flash
+    if _spread(part / before / ratio[:, None]) > _COPY_COLOUR_SPREAD:  # lamps as even as the flash
         return []
     message = (
         "What the flash added looks like the photograph without it in most of the picture: the "

@@ -72,6 +72,26 @@ def test_where_the_flash_adds_nothing_there_is_no_copy() -> None:
 
 
 @pytest.mark.parametrize(
+    ("colour", "said"),
+    [((0.4, 0.4, 0.4), True), ((0.5, 0.4, 0.3), False), ((0.4, 0.4, 0.6), False)],
+)
+def test_a_wall_that_lamps_and_flash_light_evenly_is_no_copy(
+    colour: tuple[float, float, float], said: bool
+) -> None:
+    """The flash has another colour than the lamps; what is the same light for longer has not."""
+    rng = np.random.default_rng(4)
+    wall = np.full((80, 120, 3), 0.2, np.float32)
+    far = np.linspace(1.0, 0.8, 120, dtype=np.float32)[:, None]
+    flash = (
+        wall
+        + far * np.array(colour, np.float32)
+        + rng.normal(0, 2e-3, wall.shape).astype(np.float32)
+    )
+
+    assert bool(copy_warnings(wall, flash, flash_only=False)) is said
+
+
+@pytest.mark.parametrize(
     ("ratio", "balanced", "said"),
     [
         (1.0, False, []),
