@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,10 @@ def _in_parts(fine: Scene, views: dict[int, View], kept: Mask) -> tuple[Scene, N
     if not cut.any():
         return fine, mask.astype(np.intp)
     steps = views[_COARSE].step, views[_FINE].step
-    parts = parts_of(mask & ~_finer(cut, *steps, mask.shape))
+    inside = mask & ~_finer(cut, *steps, mask.shape)
+    parts = parts_of(inside)
+    if not parts.any():  # lines that the coarse view bridges leave crumbs of it
+        parts = np.where(inside, _finer(parts_of(kept), *steps, mask.shape), 0)
     flash, light = (picture.sum(axis=2) for picture in (views[_FINE].flash, views[_FINE].light))
     belongs = sides(flash, light, mask, parts, _ASTRAY * steps[0] / steps[1])
     return fine.without(((parts == 0) | (parts != belongs))[mask]), belongs
@@ -173,13 +177,15 @@ def _of_strength(rgb: Array, strengths: Array) -> Array:
     return np.asarray(positive * (strengths / positive[:, 1])[:, None])
 
 
-def _finer(mask: Mask, coarse_step: int, fine_step: int, shape: tuple[int, ...]) -> Mask:
-    """A mask of the coarse view on the fine one."""
+def _finer(
+    picture: NDArray[Any], coarse_step: int, fine_step: int, shape: tuple[int, ...]
+) -> NDArray[Any]:
+    """A picture (h, w) of the coarse view on the fine one."""
     y, x = (
         np.minimum((np.arange(size) + 0.5) * fine_step / coarse_step, limit - 1).astype(np.intp)
-        for size, limit in zip(shape, mask.shape, strict=True)
+        for size, limit in zip(shape, picture.shape, strict=True)
     )
-    return mask[np.ix_(y, x)]
+    return picture[np.ix_(y, x)]
 
 
 def _surface(

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
+from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
 from pipeline.options import DirectedLight
@@ -18,6 +19,7 @@ from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.photometric_stereo.solve import Surface, _finer, solve_surface
+from pipeline.photometric_stereo.view import View
 from pipeline.progress import Progress
 
 Array = NDArray[np.float64]
@@ -320,6 +322,38 @@ def test_a_mask_on_a_finer_view_covers_the_same_places() -> None:
     finer = _finer(mask, 4, 2, (5, 6))
     expected = np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1)
     np.testing.assert_array_equal(finer, np.vstack([expected, expected[-1]]))  # the last goes on
+
+
+def test_tiles_between_dark_joints_keep_to_the_parts_that_were_cut(bank: LampBank) -> None:
+    """Of 3 × 3 pixels each, a crumb of the surface; a coarse view does not show their joints."""
+    flash = np.full((48, 48, 3), 0.5)
+    flash[:, 24:] /= 2
+    tiles, whole = np.ones((48, 48), bool), np.ones((24, 24), bool)
+    tiles[2::4] = tiles[:, 2::4] = False
+
+    def view(step: int, mask: Mask) -> View:
+        some = flash[::step, ::step]
+        noise = np.full_like(some, 1e-8)
+        middle = 24 / step - 0.5
+        return View(
+            step, 60 / step, (middle, middle), mask, some, some / 2, noise, noise, 0 * noise
+        )
+
+    fine = view(1, tiles)
+    priors = (bank.prior(np.ones(3)), bank.prior(np.array([1.0, 0.8, 0.5])))
+    scene = fine.scene(np.array([[0.6, 0, 0.8], [0, 0.6, 0.8]]), priors, fine.materials())
+    kept = whole.copy()
+    kept[:, 12] = False
+    views = {solve_module._COARSE: view(2, whole), solve_module._FINE: fine}
+
+    left, belongs = solve_module._in_parts(scene, views, kept)
+
+    one, other = np.s_[:, :22], np.s_[:, 27:]
+    assert set(belongs[one][tiles[one]]) == {1}
+    assert set(belongs[other][tiles[other]]) == {2}
+    assert not left.grid.mask[:, 24:26].any()
+    np.testing.assert_array_equal(left.grid.mask[one], tiles[one])
+    np.testing.assert_array_equal(left.grid.mask[other], tiles[other])
 
 
 @pytest.mark.parametrize("fill", [1, 3])
