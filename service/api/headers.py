@@ -20,6 +20,10 @@ DEFAULTS = {
 
 _STRICT_TRANSPORT = "max-age=31536000"
 
+_FRAMINGS = {b"content-length", b"transfer-encoding"}
+"""With both, a proxy may see the request end elsewhere than we do, and what follows them is not to
+be answered as another one (RFC 9112, section 6.1)."""
+
 METHODS = ["GET", "HEAD", "POST", "PATCH", "DELETE"]
 SENT = [
     "Authorization",
@@ -69,14 +73,16 @@ class SafeHeaders:
         async def send_with_defaults(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                for name, value in _defaults(scope["scheme"]):
+                for name, value in _defaults(scope):
                     headers.setdefault(name, value)
             await send(message)
 
         await self._app(scope, receive, send_with_defaults)
 
 
-def _defaults(scheme: str) -> Iterable[tuple[str, str]]:
+def _defaults(scope: Scope) -> Iterable[tuple[str, str]]:
     yield from DEFAULTS.items()
-    if scheme == "https":
+    if scope["scheme"] == "https":
         yield "Strict-Transport-Security", _STRICT_TRANSPORT
+    if _FRAMINGS.issubset(name for name, _ in scope["headers"]):
+        yield "Connection", "close"

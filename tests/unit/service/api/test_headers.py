@@ -50,6 +50,16 @@ def test_every_answer_has_the_defaults(path: str, http: httpx.Client) -> None:
     assert "strict-transport-security" not in answer.headers
 
 
+@pytest.mark.parametrize("length", [{}, {"content-length": "4"}])
+def test_a_connection_ends_whose_request_may_be_seen_to_end_at_two_places(
+    length: dict[str, str], http: httpx.Client
+) -> None:
+    headers = {"content-type": "application/json", "transfer-encoding": "chunked", **length}
+    answer = http.post("/jobs", content=iter([b"{}"]), headers=headers)
+    assert answer.status_code == 422
+    assert answer.headers.get("connection") == ("close" if length else None)
+
+
 def test_results_may_be_kept_where_the_service_is_asked_each_time(
     http: httpx.Client, finish: Finish
 ) -> None:
