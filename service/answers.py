@@ -177,7 +177,10 @@ class JobPage(BaseModel):
     """Jobs, newest first."""
 
     jobs: list[JobAnswer]
-    next: str | None = Field(description="The page of older jobs; null on the last one.")
+    next: str | None = Field(
+        description="The page of older jobs; null on the last one, and on no other, however few "
+        "jobs it has."
+    )
 
 
 class JobList(BaseModel):

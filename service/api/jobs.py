@@ -87,12 +87,14 @@ def list_jobs(
         _Place | None, Query(description="Where the page before ended, as its `next` says it.")
     ] = None,
 ) -> JobPage:
-    """List jobs, newest first."""
+    """List jobs, newest first; fewer than `limit` where their options are long."""
+    place = _read_place(after)
     with context.engine.connect() as connection:
-        found = jobs.page(connection, caller.lists, limit + 1, _read_place(after))
-        shown = found[:limit]
+        count = jobs.count_fitting(connection, caller.lists, limit, place)
+        found = jobs.page(connection, caller.lists, count + 1, place)
+        shown = found[:count]
         listed = [one for _, one in answers.of_jobs(connection, context.settings, shown)]
-    more = len(found) > limit
+    more = len(found) > count
     return JobPage(
         jobs=listed,
         next=f"/jobs?limit={limit}&after={_place_of(shown[-1])}" if more else None,

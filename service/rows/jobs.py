@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 from typing import Any, Literal
 
 import sqlalchemy as sa
@@ -25,6 +26,9 @@ Priority = Literal["high", "normal", "low"]
 
 LOST_ATTEMPTS = 3
 """Attempts at a job that may be cut short before it is given up."""
+
+PAGE_CHARACTERS = 4 * 1024 * 1024
+"""Of JSON: the options of the jobs of a page, of which those of one may take a MiB."""
 
 
 @dataclass(frozen=True)
@@ -164,13 +168,29 @@ def page(
 
     after: `created` and id of a job that may be gone; those that are older.
     """
-    query = sa.select(jobs)
+    query = _paged(sa.select(jobs), owner, limit, after)
+    return [_job(row) for row in connection.execute(query)]
+
+
+def count_fitting(
+    connection: sa.Connection, owner: str | None, limit: int, after: tuple[float, str] | None
+) -> int:
+    """How many jobs of such a page have options of PAGE_CHARACTERS together; 1 at least."""
+    length = sa.func.length(sa.cast(jobs.c.options, sa.Text))
+    query = _paged(sa.select(length), owner, limit, after)
+    lengths: list[int] = list(connection.execute(query).scalars())
+    return max(1, sum(upto <= PAGE_CHARACTERS for upto in accumulate(lengths)))
+
+
+def _paged(
+    query: sa.Select[Any], owner: str | None, limit: int, after: tuple[float, str] | None
+) -> sa.Select[Any]:
     if owner is not None:
         query = query.where(jobs.c.owner == owner)
     query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < after)
-    return [_job(row) for row in connection.execute(query)]
+    return query
 
 
 def kept_calibrations(connection: sa.Connection, owner: str, setup: str | None) -> list[Job]:

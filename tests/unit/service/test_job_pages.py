@@ -36,12 +36,27 @@ def test_the_newest_jobs_of_a_state_are_found_by_an_index(
     assert "TEMP B-TREE" not in plan
 
 
+def test_as_many_jobs_fit_a_page_as_have_short_options_together(
+    engine: sa.Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "PAGE_CHARACTERS", 2 * len('{"name": "long"}'))
+    for number in range(4):
+        added(engine, f"long{number}", options={"name": "long"})
+    last = added(engine, "longest", options={"name": "long" * 10})
+    with engine.connect() as connection:
+        assert jobs.count_fitting(connection, "", 50, None) == 1
+        assert jobs.count_fitting(connection, "", 50, (last.created, last.id)) == 2
+        assert jobs.count_fitting(connection, "", 1, (last.created, last.id)) == 1
+        assert jobs.count_fitting(connection, "another", 50, None) == 1
+
+
 @pytest.mark.parametrize("owner", [None, "x"])
 def test_pages_of_jobs_are_found_by_an_index(engine: sa.Engine, owner: str | None) -> None:
     last = added(engine, "a")
     with engine.connect() as connection, plans(engine) as found:
         jobs.page(connection, owner, 2, None)
         jobs.page(connection, owner, 2, (last.created, last.id))
+        jobs.count_fitting(connection, owner, 2, (last.created, last.id))
     index = "jobs_by_age" if owner else "jobs_by_time"
-    assert [len(plan.splitlines()) for plan in found] == [1, 1]  # neither a sort
+    assert [len(plan.splitlines()) for plan in found] == [1, 1, 1]  # none a sort
     assert all(f"USING INDEX {index}" in plan for plan in found)

@@ -18,6 +18,7 @@ from service.settings import Settings
 from tests.jpeg_xl import in_jpeg_xl
 from tests.png_bombs import png_of
 from tests.unit.service.asking import bearing, post_capture, post_pair, problem_of
+from tests.unit.service.job_rows import added
 from tests.unit.service.studio import PATH, hold, with_cameras
 
 Png = Callable[..., bytes]
@@ -274,6 +275,22 @@ def test_jobs_are_listed_page_by_page(http: httpx.Client) -> None:
     assert len(found) == 5
     places = {job["id"]: job["position"] for job in http.get("/jobs").json()["jobs"]}
     assert sorted(places.values()) == [1, 2, 3, 4, 5]
+
+
+def test_a_page_is_shorter_where_jobs_have_long_options(
+    http: httpx.Client, context: Context
+) -> None:
+    # As long as options of a request may be: a page of 200 such jobs were 200 MB.
+    table = {"camera": "x" * 1_000_000}
+    made = [added(context.engine, f"{number:032x}", options=table).id for number in range(6)]
+
+    pages = [http.get("/jobs?limit=200")]
+    while following := pages[-1].json()["next"]:
+        pages.append(http.get(following))
+
+    listed = [[job["id"] for job in page.json()["jobs"]] for page in pages]
+    assert listed == [made[:1:-1], made[1::-1]]
+    assert all(len(page.content) < 5_000_000 for page in pages)
 
 
 def test_a_page_begins_where_the_one_before_ended_though_that_job_is_deleted(
