@@ -378,3 +378,25 @@ def test_a_turn_alone_needs_to_mend_more_than_one_beside_a_shift(
 
     turned = np.degrees(np.arctan2(found.matrix[1, 0], found.matrix[0, 0]))
     assert turned == pytest.approx(degrees, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_noise_beside_a_plain_sphere_moves_no_pair_that_lies_still(seed: int) -> None:
+    """Lit from one side without the flash: only its outline is alike, and noise is by chance."""
+    rng = np.random.default_rng(seed)
+    y, x = (np.mgrid[:960, :1440] + 0.5) / 3
+    u, v = (x - 240) / 100, (160 - y) / 100
+    hit = np.hypot(u, v) < 1
+    normals = np.stack([u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0))], axis=-1)
+    photographs = []
+    for towards in (rng.normal(size=3) * [1, 0.8, 0.3] + [0, 0.2, 0.4], np.array([0.05, 0.12, 1])):
+        shade = np.maximum(normals @ (towards / np.linalg.norm(towards)), 0) * 0.5
+        lit = cv2.resize(np.where(hit, shade, 0.03), (480, 320), interpolation=cv2.INTER_AREA)
+        photographs.append(lit[..., None] * np.array([0.8, 1.0, 0.6]))
+    lamps, flash = photographs
+    noisy = (
+        np.asarray(light + 0.014 * np.sqrt(light) * rng.normal(size=light.shape), np.float32)
+        for light in (lamps, lamps + flash)
+    )
+
+    assert not estimate_alignment(*noisy).applied
