@@ -1,8 +1,9 @@
 """How many lamps a pair needs: by how much better one more explains it.
 
 A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
-rendered not without lessening what one leaves over, where that is much. In others a small gain is
-none where light that glossy surfaces mirror explains as much. A third is told by that
+rendered not without lessening what one leaves over, where that is much. In others it is none where
+surfaces of one colour are off alike, and a small gain is none where light that glossy surfaces
+mirror explains as much. A third is told by that
 gain, too, by differences across the edges of shadows, of which two lamps leave none, and by light
 that is no mixture of two, which needs no shadows.
 """
@@ -20,6 +21,7 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
+from pipeline.matrixfit.surface_colours import scatter_within_colours
 from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained
 from pipeline.pair.reduced import ReducedPair
 
@@ -39,7 +41,8 @@ UNSURE = 0.3
 # docs/decisions/0032-compression-noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _SURELY_SECOND = 1500.0  # gloss gains less
-_GLOSSY = 0.8  # confidence in one lamp that glossy surfaces mirror
+_WITHIN_COLOURS = 0.04  # of what one lamp leaves over, that surfaces of one colour do not share
+_LIKELY_ONE = 0.8  # confidence in one lamp, where colours or gloss explain as much as a second
 _STILL_LEFT = 0.62  # by two lamps, of what one leaves
 _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
@@ -85,10 +88,8 @@ def count_lamps(
             return Count(1, 1.0 - several)
         if reduced.rendered and _as_much_left(reduced, fit):
             return Count(1, DOUBTFUL)
-        if not reduced.rendered and gain < _SURELY_SECOND:
-            one, two = fit(1).matrices, fit(2).matrices
-            if is_gloss(reduced, one, two, model.flash_white):
-                return Count(1, _GLOSSY)
+        if not reduced.rendered and _passes_for_second(reduced, model, gain, fit):
+            return Count(1, _LIKELY_ONE)
     if least < 3:
         left = _left_by_two(reduced, evidence, fit(2).matrices)
         third = left + _gain_of_third(reduced, evidence, fit(2), first(3))
@@ -127,6 +128,16 @@ def _gain_of_third(reduced: ReducedPair, evidence: Evidence, two: Fit, three: Fi
     gain = (two.cost - three.cost) / _THIRD_GAIN
     # lamps of an outline lose by the area between three of them, also if there are three
     return gain if evidence.has_edges or reduced.rendered else gain + _OUTLINE_GAIN
+
+
+def _passes_for_second(
+    reduced: ReducedPair, model: Model, gain: float, fit: Callable[[int], Fit]
+) -> bool:
+    """Whether colours of surfaces, or gloss, gain as much under one lamp as a second one does."""
+    one, two = fit(1).matrices, fit(2).matrices
+    if scatter_within_colours(reduced, one) < _WITHIN_COLOURS:
+        return True
+    return gain < _SURELY_SECOND and is_gloss(reduced, one, two, model.flash_white)
 
 
 def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:

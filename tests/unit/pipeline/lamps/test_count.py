@@ -17,6 +17,9 @@ from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known
 from pipeline.pair.reduced import ReducedPair, reduce_pair
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light, reflectance_spectra
+from tests.reduced_pairs import reduced_pair
 
 Array = NDArray[np.float64]
 Shadowed = Callable[[Array], Any]
@@ -171,6 +174,7 @@ def by_costs(
 ) -> Callable[..., Count]:
     """Count by the costs of one to three lamps alone, which leave nothing off."""
     monkeypatch.setattr(count, "is_gloss", lambda *_: False)
+    monkeypatch.setattr(count, "scatter_within_colours", lambda *_: 1.0)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.09)
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     assert not len(evidence.differences)
@@ -220,12 +224,62 @@ def test_gloss_that_explains_as_much_is_no_lamp(
     """Where the second lamp gains little, and the file's colours are linear."""
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
+    monkeypatch.setattr(count, "scatter_within_colours", lambda *_: 1.0)
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     fit = costs(0, -second, 900 - second)
 
     counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
 
     assert (counts.number, round(counts.confidence, 1)) == found
+
+
+@pytest.mark.parametrize(
+    ("second", "within", "rendered", "found"),
+    [
+        (301, 0.039, False, (1, 0.8)),
+        (9999, 0.039, False, (1, 0.8)),
+        (9999, 0.041, False, (2, 1.0)),
+        (9999, 0.039, True, (2, 1.0)),
+        (299, 0.0, False, (1, 0.5)),
+    ],
+)
+def test_surfaces_of_one_colour_that_are_off_alike_are_no_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
+    second: float,
+    within: float,
+    rendered: bool,
+    found: tuple[int, float],
+) -> None:
+    """However much a second lamp gains, where the file's colours are linear."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    monkeypatch.setattr(count, "scatter_within_colours", lambda *_: within)
+    monkeypatch.setattr(count, "is_gloss", lambda *_: False)
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
+    fit = costs(0, -second, 900 - second)
+
+    counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
+
+    assert (counts.number, round(counts.confidence, 1)) == found
+
+
+@pytest.mark.parametrize("lamp", ["A", "FL2", "LED-B1"])
+def test_many_paints_under_one_lamp_make_no_second(
+    counted: Counting, camera: Camera, model: Model, lamp: str
+) -> None:
+    """Sixty measured surfaces in tiles, without noise: no matrix takes all of them to its light."""
+    rng = np.random.default_rng(4)
+    surfaces = reflectance_spectra()[rng.choice(len(reflectance_spectra()), 60, replace=False)]
+    tiles = np.kron(rng.integers(0, 60, (12, 16)), np.ones((5, 5), int))
+    seen = (surfaces @ (camera.sensitivities * find_light(light)).T for light in (lamp, "xenon"))
+    light, flash = (colours[tiles] / colours.max() for colours in seen)
+    reduced = reduced_pair(0.6 * light * np.linspace(0.3, 1, 80)[None, :, None], 0.5 * flash)
+    evidence = gather_evidence(reduced, False)
+    fit = partial(counted.fit, reduced, evidence)
+
+    assert count_lamps(reduced, evidence, model, fit, fit) == Count(1, 0.8)
 
 
 @pytest.mark.parametrize(
