@@ -21,7 +21,7 @@ def paints(seed: int = 0, kinds: int = 24) -> tuple[Array, Array]:
     rows, columns = HEIGHT // TILE, WIDTH // TILE
     places = rng.permutation(rows * columns).reshape(rows, columns) % kinds
     colours = rng.uniform(0.1, 1, (kinds, 3))[places]
-    flash = np.kron(colours, np.ones((TILE, TILE, 1)))
+    flash: Array = np.kron(colours, np.ones((TILE, TILE, 1))).astype(np.float64)
     return flash, 1 + 0.1 * np.sin(6 * flash / flash.sum(axis=2, keepdims=True))
 
 
