@@ -201,62 +201,36 @@ def test_a_lamp_is_counted_by_what_it_gains(
 
 
 @pytest.mark.parametrize(
-    ("second", "gloss", "rendered", "found"),
+    ("second", "gloss", "within", "rendered", "found"),
     [
-        (301, True, False, (1, 0.8)),
-        (301, False, False, (2, 0.5)),
-        (1499, True, False, (1, 0.8)),
-        (1501, True, False, (2, 1.0)),
-        (1499, True, True, (2, 1.0)),
-        (299, False, False, (1, 0.5)),
+        (301, True, 1.0, False, (1, 0.8)),
+        (301, False, 1.0, False, (2, 0.5)),
+        (1499, True, 1.0, False, (1, 0.8)),
+        (1501, True, 1.0, False, (2, 1.0)),
+        (1499, True, 1.0, True, (2, 1.0)),
+        (299, False, 1.0, False, (1, 0.5)),
+        (301, False, 0.039, False, (1, 0.8)),
+        (9999, False, 0.039, False, (1, 0.8)),
+        (9999, False, 0.041, False, (2, 1.0)),
+        (9999, False, 0.039, True, (2, 1.0)),
+        (299, False, 0.0, False, (1, 0.5)),
     ],
 )
-def test_gloss_that_explains_as_much_is_no_lamp(
+def test_gloss_or_colours_that_explain_as_much_are_no_lamp(
     counted: Counting,
     pair_of: Callable[..., Any],
     flash_part: NDArray[np.float32],
     monkeypatch: pytest.MonkeyPatch,
     second: float,
     gloss: bool,
-    rendered: bool,
-    found: tuple[int, float],
-) -> None:
-    """Where the second lamp gains little, and the file's colours are linear."""
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
-    monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
-    monkeypatch.setattr(count, "scatter_within_colours", lambda *_: 1.0)
-    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
-    fit = costs(0, -second, 900 - second)
-
-    counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
-
-    assert (counts.number, round(counts.confidence, 1)) == found
-
-
-@pytest.mark.parametrize(
-    ("second", "within", "rendered", "found"),
-    [
-        (301, 0.039, False, (1, 0.8)),
-        (9999, 0.039, False, (1, 0.8)),
-        (9999, 0.041, False, (2, 1.0)),
-        (9999, 0.039, True, (2, 1.0)),
-        (299, 0.0, False, (1, 0.5)),
-    ],
-)
-def test_surfaces_of_one_colour_that_are_off_alike_are_no_lamp(
-    counted: Counting,
-    pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
-    monkeypatch: pytest.MonkeyPatch,
-    second: float,
     within: float,
     rendered: bool,
     found: tuple[int, float],
 ) -> None:
-    """However much a second lamp gains, where the file's colours are linear."""
+    """Gloss where the second lamp gains little, and both where the file's colours are linear."""
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
     monkeypatch.setattr(count, "scatter_within_colours", lambda *_: within)
-    monkeypatch.setattr(count, "is_gloss", lambda *_: False)
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     fit = costs(0, -second, 900 - second)
 
