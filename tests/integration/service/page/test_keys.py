@@ -57,6 +57,13 @@ def test_a_dialog_that_is_left_comes_back_only_when_it_is_wanted(page: Page) -> 
     expect(alert).to_have_count(0)
 
 
+def without_key(route: Route) -> None:
+    """Pass a request on without its key, which the service itself refuses."""
+    headers = route.request.headers
+    headers.pop("authorization", None)
+    route.continue_(headers=headers)
+
+
 def test_photographs_can_be_sent_after_the_dialog_was_left(page: Page) -> None:
     def guard(route: Route) -> None:
         if not refused(route):
@@ -66,6 +73,7 @@ def test_photographs_can_be_sent_after_the_dialog_was_left(page: Page) -> None:
     page.route("**/cameras", lambda route: route.abort())  # they would ask for a key of their own
     page.route("**/jobs", guard)
     page.route("**/jobs/made", lambda route: route.fulfill(status=404, json=gone))
+    page.route("**/uploads/*", without_key)
     page.goto("/")
     files: list[FilePayload] = [
         {"name": name, "mimeType": "image/jpeg", "buffer": b"x"} for name in ("a.jpg", "b.jpg")
@@ -88,9 +96,7 @@ def test_a_picture_comes_with_the_key_that_is_entered_at_its_place(
 ) -> None:
     def guard(route: Route) -> None:
         if not refused(route):
-            headers = route.request.headers
-            headers.pop("authorization")  # which the service itself refuses
-            route.continue_(headers=headers)
+            without_key(route)
 
     page.route("**/gamma.png", guard)
     open_mixer(page, done)

@@ -47,8 +47,8 @@ def test_what_looks_like_the_photograph_over_again_is_warned_of(
     [
         (0.7, (0.0, 0.0, 0.0), True),  # 0.35 between the quartiles
         (0.9, (0.0, 0.0, 0.0), False),
-        (0.0, (0.7, 0.0, -0.2), True),
-        (0.0, (0.9, 0.0, -0.9), False),  # a lamp that lights what the flash does, in its own colour
+        (0.0, (0.15, 0.0, -0.05), True),  # 0.2
+        (0.0, (0.2, 0.0, -0.1), False),  # a lamp that lights what the flash does, in its own colour
     ],
 )
 def test_a_flash_part_is_a_copy_within_its_spread_and_its_colours(
