@@ -14,7 +14,7 @@ def _photosites(light: NDArray[np.float64], end: float, full_well: float) -> NDA
     """Values of a sensor of so many electrons at white, which ends at that value."""
     noise = np.random.default_rng(0).normal(size=light.shape)
     values = _BLACK + _WHITE * (light + noise * np.sqrt(np.maximum(light, 0) / full_well))
-    return np.minimum(np.rint(values), end).astype(np.uint16)
+    return np.clip(np.rint(values), 0, end).astype(np.uint16)
 
 
 def _room(brightest: float) -> NDArray[np.float64]:
@@ -52,10 +52,18 @@ def test_even_light_below_white_is_not_clipped(brightest: float, full_well: floa
     assert saturation(values, _BLACK, _WHITE) == _TOLD
 
 
+@pytest.mark.parametrize("full_well", [5_000.0, 60_000.0, 100_000.0])
+def test_a_wall_all_over_the_picture_is_not_clipped(full_well: float) -> None:
+    """Of 300,000 photosites hundreds lie near the brightest, and far more below."""
+    values = _photosites(np.full((500, 600), 0.9), 2**16 - 1, full_well)
+
+    assert saturation(values, _BLACK, _WHITE) == _TOLD
+
+
 def test_light_that_rises_smoothly_to_its_brightest_is_not_clipped() -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 300), np.linspace(-1, 1, 200))
 
-    assert saturation(_photosites(0.9 - 0.5 * (x**2 + y**2), 2**16 - 1, 1e12), _BLACK, _WHITE) == (
+    assert saturation(_photosites(0.9 - 0.4 * (x**2 + y**2), 2**16 - 1, 1e12), _BLACK, _WHITE) == (
         _TOLD
     )
 

@@ -86,6 +86,31 @@ def test_dark_pixels_have_no_say() -> None:
     assert scatter_within_colours(reduced_pair(light, flash), ONE) < 1e-4
 
 
+def test_bright_pixels_have_more_say() -> None:
+    """A quarter of the light, in which alone a second lamp shines, counts for a sixteenth."""
+    flash, off = paints()
+    light = flash @ ONE[0] * off
+    dim = np.arange(WIDTH) < WIDTH // 2
+    other = flash @ np.diag([0.5, 0.7, 0.8])
+    light[:, dim] = other[:, dim]
+    dimmed = light.copy()
+    dimmed[:, dim] /= 4
+
+    even = scatter_within_colours(reduced_pair(light, flash), ONE)
+    found = scatter_within_colours(reduced_pair(dimmed, flash), ONE)
+
+    assert even > 0.3
+    assert abs(found - even) > 0.05
+
+
+def test_three_pixels_of_a_colour_tell_nothing() -> None:
+    """Of each of 400 colours there are so many, in corners of the picture."""
+    colours = np.random.default_rng(5).uniform(0.1, 1, (400, 3))
+    flash = np.concatenate([colours, colours[::-1], colours]).reshape(30, 40, 3)
+
+    assert scatter_within_colours(reduced_pair(flash @ ONE[0], flash), ONE) == 1
+
+
 def test_colours_of_single_pixels_tell_nothing() -> None:
     flash = np.random.default_rng(3).uniform(0.1, 1, (10, 12, 3))
 
