@@ -219,8 +219,9 @@ class Options(PairOptions):
     )
     quality: Quality = Field(
         default="best",
-        description="How widely noise is averaged: best over 41 × 41 pixels, balanced over 17 × 17 "
-        "and fast over 7 × 7. docs/performance.md says what that loses and saves.",
+        description="How widely the method best averages noise: best over 41 × 41 pixels, "
+        "balanced over 17 × 17 and fast over 7 × 7. docs/performance.md says what that loses and "
+        "saves.",
     )
     basis: Literal["wpca", "pca", "joint"] = Field(
         default="wpca", description="How the bases of reflectances and lights are learnt."

@@ -32,7 +32,7 @@ def replace(path: Path, data: bytes) -> None:
 
     Raises OSError.
     """
-    new = path.with_name(f".{path.name}.new")
+    new = path.with_name(f".{path.name[-60:]}.new")  # no longer than a system's names may be
     new.unlink(missing_ok=True)
     try:
         write(new, data)

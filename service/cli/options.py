@@ -99,7 +99,7 @@ class Flags(PairFlags):
         str,
         typer.Option(
             metavar="best|balanced|fast",
-            help="How widely noise is averaged; see docs/performance.md.",
+            help="How widely the method best averages noise; see docs/performance.md.",
         ),
     ] = "best"
     basis: Annotated[

@@ -24,6 +24,13 @@ def test_a_file_is_replaced_at_once(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
+@pytest.mark.parametrize("letter", ["a", "é", "光", "💡"])
+def test_a_file_of_as_long_a_name_as_there_may_be_is_replaced(tmp_path: Path, letter: str) -> None:
+    name = letter * (255 // len(letter.encode()))
+    durable.replace(tmp_path / name, b"light")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [(name, b"light")]
+
+
 def test_on_a_full_disk_the_old_file_stays_and_nothing_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
