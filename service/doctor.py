@@ -143,7 +143,7 @@ def _is_missing_file(url: str) -> bool:
 
 
 def _no_database(error: Exception) -> Finding:
-    if isinstance(error, sa.exc.DBAPIError) and database.is_full(error):
+    if database.is_full(error):
         return Finding("wrong", "database", DATABASE_FULL)
     return Finding(
         "wrong",

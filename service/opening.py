@@ -79,7 +79,7 @@ def _told() -> Iterator[None]:
     except migrations.SchemaError as error:
         raise StartError(str(error)) from error
     except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:
-        if isinstance(error, sa.exc.DBAPIError) and database.is_full(error):
+        if database.is_full(error):
             raise StartError(DATABASE_FULL) from error
         raise StartError(
             "The database of jobs cannot be opened: check LIGHTLAYERS_DATABASE_URL and "

@@ -181,7 +181,7 @@ KINDS: dict[type[Exception], Kind] = {
 
 def kind_of(error: Exception) -> Kind:
     """Find the kind of problem that an exception is; INTERNAL for what is in no table."""
-    if isinstance(error, DBAPIError) and is_full(error):
+    if is_full(error):
         return DATABASE_FULL
     for parent in type(error).__mro__:
         if parent in KINDS:

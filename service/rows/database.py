@@ -293,9 +293,9 @@ def may_be_id(text: str) -> bool:
     return text.isascii() and text.isprintable()
 
 
-def is_full(error: sa.exc.DBAPIError) -> bool:
-    """Whether a statement failed because the database's disk has no room."""
-    cause = error.orig
+def is_full(error: Exception) -> bool:
+    """Whether an error is a statement's that failed because the database's disk has no room."""
+    cause = getattr(error, "orig", None)
     return (
         getattr(cause, "sqlite_errorcode", None) in _SQLITE_FULL
         or getattr(cause, "sqlstate", None) == _DISK_FULL

@@ -328,7 +328,7 @@ class Worker:
 
     def _make_room(self, error: Exception) -> None:
         """Where a full disk of the database was in the way: no sweep gets out of its queue then."""
-        if not (isinstance(error, sa.exc.DBAPIError) and database.is_full(error)):
+        if not database.is_full(error):
             return
         try:
             self._sweeping.make_room()
