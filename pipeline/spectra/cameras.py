@@ -185,7 +185,7 @@ def _measured_by_colour(name: str) -> Camera:
     return Camera(name, _scaled(_packaged_sensitivities(name)), "measured")
 
 
-@cached_on_disk("colour-science")
+@cached_on_disk
 def _packaged_sensitivities(name: str) -> NDArray[np.float64]:
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[_PACKAGED[name]]

@@ -15,7 +15,7 @@ ROWS, COLUMNS = 4, 6
 
 
 @cache
-@cached_on_disk("colour-science")
+@cached_on_disk
 def colorchecker_spectra() -> NDArray[np.float64]:
     """Reflectances (24, W), 0 to 1, row by row from dark skin to black (average of BabelColor)."""
     patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values()

@@ -1,6 +1,6 @@
-"""Tables that take a library long to make, cached in files.
+"""Tables that take colour-science long to make, cached in files.
 
-colour-science takes half a second to import, and its tables another tenth: more than most jobs
+It takes half a second to import, and its tables another tenth: more than most jobs
 spend on finding lamps. They lie in NUMBA_CACHE_DIR or beside this module, where versions of
 this package share them: each file has a stamp.
 """
@@ -27,30 +27,26 @@ _Given = ParamSpec("_Given")
 _Table = TypeVar("_Table", bound=NDArray[Any])
 
 
-def cached_on_disk(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, _Table]]:
-    """Decorate a function that makes a table by a library, so that its file gives it once made.
+def cached_on_disk(make: Callable[_Given, _Table]) -> Callable[_Given, _Table]:
+    """Decorate a function that makes a table by colour-science: its file gives it once made.
 
     What the function returns must follow from its arguments, the modules beside this one and the
     library's version alone; arrays are read-only. Where no file can be written it is made each
     time.
     """
 
-    def decorate(make: Callable[_Given, _Table]) -> Callable[_Given, _Table]:
-        @functools.wraps(make)
-        def table(*args: _Given.args, **kwargs: _Given.kwargs) -> _Table:
-            given = "-".join(map(str, (*args, *kwargs.values())))
-            path = _folder() / f"{make.__name__}{given and '-' + given}.npz"
-            stamp = _stamp(library)
-            values: _Table | None = _read(path, stamp)
-            if values is None:
-                values = make(*args, **kwargs)
-                _write(path, stamp, values)
-            values.setflags(write=False)
-            return values
+    @functools.wraps(make)
+    def table(*args: _Given.args, **kwargs: _Given.kwargs) -> _Table:
+        given = "-".join(map(str, (*args, *kwargs.values())))
+        path = _folder() / f"{make.__name__}{given and '-' + given}.npz"
+        values: _Table | None = _read(path, _stamp())
+        if values is None:
+            values = make(*args, **kwargs)
+            _write(path, _stamp(), values)
+        values.setflags(write=False)
+        return values
 
-        return table
-
-    return decorate
+    return table
 
 
 def _folder() -> Path:
@@ -59,7 +55,8 @@ def _folder() -> Path:
 
 
 @functools.cache
-def _stamp(library: str) -> str:
+def _stamp() -> str:
+    library = "colour-science"
     return f"{library} {version(library)}, modules {digest(Path(__file__).parent)}"
 
 

@@ -135,7 +135,7 @@ def lamp_spectra() -> NDArray[np.float64]:
 
 
 @cache
-@cached_on_disk("colour-science")
+@cached_on_disk
 def reflectance_spectra() -> NDArray[np.float64]:
     """Reflectances (m, W), 0 to 1, to learn from.
 
@@ -171,12 +171,12 @@ def packaged_lights() -> dict[str, NDArray[np.float64]]:
     return dict(zip(_packaged_names().tolist(), _packaged_spectra(), strict=True))
 
 
-@cached_on_disk("colour-science")
+@cached_on_disk
 def _packaged_names() -> NDArray[np.str_]:
     return np.array([*_packaged()])
 
 
-@cached_on_disk("colour-science")
+@cached_on_disk
 def _packaged_spectra() -> NDArray[np.float64]:
     return np.array(
         [_unit(on_grid(table.wavelengths, table.values, "hold")) for table in _packaged().values()]
@@ -197,7 +197,7 @@ def _look_up_daylight(name: str) -> Callable[[], NDArray[np.float64]] | None:
     return partial(daylight, kelvin) if low <= kelvin <= high else None
 
 
-@cached_on_disk("colour-science")
+@cached_on_disk
 def black_body(kelvin: float) -> NDArray[np.float64]:
     """Black body (W,) of a temperature, summing to 1 (Planck)."""
     colour = colour_science()
@@ -206,7 +206,7 @@ def black_body(kelvin: float) -> NDArray[np.float64]:
         return _unit(colour.sd_blackbody(kelvin, shape).values)
 
 
-@cached_on_disk("colour-science")
+@cached_on_disk
 def daylight(kelvin: float) -> NDArray[np.float64]:
     """CIE daylight (W,) of a nominal temperature (CIE 15:2018, corrected by 1.4388/1.4380)."""
     colour = colour_science()

@@ -13,7 +13,7 @@ from pipeline.spectra.library import colour_science
 
 
 @cache
-@cached_on_disk("colour-science")
+@cached_on_disk
 def cie_1931() -> NDArray[np.float64]:
     """CIE 1931 2° colour-matching functions x̄, ȳ, z̄, (3, W), as tabulated at each wavelength."""
     table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]

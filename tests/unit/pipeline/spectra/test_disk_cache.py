@@ -24,7 +24,7 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
     CALLS.clear()
 
-    @cached_on_disk("numpy")
+    @cached_on_disk
     def ramp(length: int) -> NDArray[np.float64]:
         CALLS.append(length)
         return np.arange(length) / 3
@@ -101,7 +101,7 @@ def test_without_a_folder_it_is_made_each_time(table: Make, tmp_path: Path) -> N
 def test_names_are_cached_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
 
-    @cached_on_disk("numpy")
+    @cached_on_disk
     def names() -> NDArray[np.str_]:
         return np.array(["60 A/W", "D65"])
 
