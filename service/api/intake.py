@@ -9,7 +9,8 @@ import json
 import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, AnyStr
 
@@ -81,12 +82,14 @@ def read(request: Request, settings: Settings) -> AbstractAsyncContextManager[In
     Raises MalformedRequestError, UnsupportedMediaError, UploadTooLargeError, OptionError, and for
     a camera that cannot be drivers.BadAddressError or CameraNotFoundError.
     """
-    return _read(request, settings, _named, _pair)
+    named = partial(_named, taken=CaptureRequest, sent=UploadsRequest)
+    return _read(request, settings, named, _pair)
 
 
 def read_calibration(request: Request, settings: Settings) -> AbstractAsyncContextManager[Intake]:
     """Read a request for a calibration, as `read` does."""
-    return _read(request, settings, _calibration_named, _calibration_pair)
+    named = partial(_named, taken=CalibrationCaptureRequest, sent=CalibrationRequest)
+    return _read(request, settings, named, _calibration_pair)
 
 
 @asynccontextmanager
@@ -198,33 +201,23 @@ def _limited(request: Request, limit: int) -> Request:
     return Request(request.scope, receive)
 
 
-def _named(body: bytes, directory: Path) -> Intake:
-    values, body, named = _json(body)
-    _check_source(values)
-    if isinstance(values, dict) and "uploads" in values:
-        return _uploaded(UploadsRequest, body, directory, named)
-    return _captured(CaptureRequest, body, directory, named)
-
-
-def _captured(
-    model: type[CaptureRequest | CalibrationCaptureRequest],
+def _named(
     body: bytes,
     directory: Path,
-    named: dict[str, Any],
+    taken: type[CaptureRequest | CalibrationCaptureRequest],
+    sent: type[UploadsRequest | CalibrationRequest],
 ) -> Intake:
-    with in_words():
-        wanted = model.model_validate_json(_kept(body), strict=True)
-    drivers.check_address(wanted.capture.camera)
-    handling = handling_of(wanted)
-    return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
-
-
-def _calibration_named(body: bytes, directory: Path) -> Intake:
+    """Read a request that names its pair; taken: its model where a camera takes it, else sent."""
     values, body, named = _json(body)
     _check_source(values)
-    if isinstance(values, dict) and "capture" in values:
-        return _captured(CalibrationCaptureRequest, body, directory, named)
-    return _uploaded(CalibrationRequest, body, directory, named)
+    uploads = isinstance(values, dict) and "uploads" in values
+    with in_words():
+        wanted = (sent if uploads else taken).model_validate_json(_kept(body), strict=True)
+    intake = Intake(wanted.options, handling_of(wanted), directory, calibrations=named)
+    if isinstance(wanted, UploadsRequest | CalibrationRequest):
+        return replace(intake, uploads=wanted.uploads.model_dump())
+    drivers.check_address(wanted.capture.camera)
+    return replace(intake, capture=wanted.capture)
 
 
 def _check_source(values: Any) -> None:
@@ -244,19 +237,6 @@ def _json(body: bytes) -> tuple[Any, bytes, dict[str, Any]]:
         values["options"], named = take_out(values["options"])
         body = json.dumps(values).encode()
     return values, body, named
-
-
-def _uploaded(
-    model: type[UploadsRequest | CalibrationRequest],
-    body: bytes,
-    directory: Path,
-    named: dict[str, Any],
-) -> Intake:
-    with in_words():
-        wanted = model.model_validate_json(_kept(body), strict=True)
-    ids = wanted.uploads.model_dump()
-    handling = handling_of(wanted)
-    return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
 
 
 def handling_of(wanted: Handling) -> Handling:
