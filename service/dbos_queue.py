@@ -133,12 +133,9 @@ class Queue:
             workflow_name=_WORKFLOW,
             queue_name=JOBS,
             workflow_id=run_id(job_id, again),
-            app_version=_VERSION,
             priority=rank,
         )
-        if delay_seconds > 0:
-            options["delay_seconds"] = delay_seconds
-        self._client.enqueue_in_transaction(connection, options, job_id)
+        self._enqueue(connection, options, delay_seconds, job_id)
 
     def submit_capture(
         self,
@@ -157,13 +154,10 @@ class Queue:
             workflow_name=_CAPTURE,
             queue_name=captures_on(host),
             workflow_id=capture_id(job_id),
-            app_version=_VERSION,
             priority=rank,
             queue_partition_key=camera,
         )
-        if delay_seconds > 0:
-            options["delay_seconds"] = delay_seconds
-        self._client.enqueue_in_transaction(connection, options, job_id)
+        self._enqueue(connection, options, delay_seconds, job_id)
 
     def submit_telling(
         self, connection: sa.Connection, job_id: str, number: int, delay_seconds: float
@@ -176,11 +170,8 @@ class Queue:
             workflow_name=_TELLING_WORKFLOW,
             queue_name=_TELLING_QUEUE,
             workflow_id=telling_id(job_id, number),
-            app_version=_VERSION,
         )
-        if delay_seconds > 0:
-            options["delay_seconds"] = delay_seconds
-        self._client.enqueue_in_transaction(connection, options, job_id, number)
+        self._enqueue(connection, options, delay_seconds, job_id, number)
 
     def submit_sweep(self, connection: sa.Connection, seconds: int, thorough: bool) -> None:
         """Enqueue the sweep of the present `seconds` by the database's clock, in a transaction.
@@ -193,9 +184,20 @@ class Queue:
             workflow_name=_SWEEP,
             queue_name=_UPKEEP,
             workflow_id=f"{_SWEEP}-{kind}-{int(moment // seconds)}",
-            app_version=_VERSION,
         )
-        self._client.enqueue_in_transaction(connection, options, None, thorough)
+        self._enqueue(connection, options, 0.0, None, thorough)
+
+    def _enqueue(
+        self,
+        connection: sa.Connection,
+        options: EnqueueOptions,
+        delay_seconds: float,
+        *arguments: object,
+    ) -> None:
+        options["app_version"] = _VERSION
+        if delay_seconds > 0:
+            options["delay_seconds"] = delay_seconds
+        self._client.enqueue_in_transaction(connection, options, *arguments)
 
     def withdraw(self, *job_ids: str) -> None:
         """Take jobs that wait out of their queues; of those put back, run finds no more to do."""
