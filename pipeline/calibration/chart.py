@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, colour_misfit
+from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, PLACES, colour_misfit
 from pipeline.calibration.evenness import check_even
 from pipeline.calibration.light import mean_light
 from pipeline.calibration.marks import disc
@@ -41,8 +41,7 @@ def read_chart(pair: Pair, corners: Sequence[Point]) -> Patches:
     to_picture = np.asarray(
         cv2.getPerspectiveTransform(CORNERS.astype(np.float32), quad), np.float64
     )
-    grid = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
-    for number, (column, row) in enumerate(grid):
+    for number, (column, row) in enumerate(PLACES):
         what = f"patch {number + 1} of the chart"
         lights.append(mean_light(pair, _patch(to_picture, column, row, (height, width)), what))
     flash = np.array([light.flash for light in lights])
@@ -52,7 +51,7 @@ def read_chart(pair: Pair, corners: Sequence[Point]) -> Patches:
         flash=flash,
         variance=np.array([light.flash_variance for light in lights]),
         reflectances=colorchecker_spectra(),
-        places=(grid - middle) / middle[0],
+        places=(PLACES - middle) / middle[0],
     )
 
 

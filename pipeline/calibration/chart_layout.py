@@ -16,6 +16,9 @@ CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
 CORNERS = np.array([(0, 0), (COLUMNS - 1, 0), (COLUMNS - 1, ROWS - 1), (0, ROWS - 1)], np.float64)
 """Their places (4, 2), column and row."""
 
+PLACES = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
+"""Places (24, 2) of all patches, column and row, in their order."""
+
 
 def colour_misfit(light: Array, patches: NDArray[np.intp] | None = None) -> float:
     """Relative error that the best matrix from the patches' XYZ to their light (n, 3) leaves.

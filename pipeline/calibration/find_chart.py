@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.chart_layout import CORNERS, colour_misfit
+from pipeline.calibration.chart_layout import CORNERS, PLACES, colour_misfit
 from pipeline.calibration.marks import on_screen
 from pipeline.calibration.quads import Quad, find_quads
 from pipeline.spectra.colorchecker import COLUMNS, ROWS
@@ -25,7 +25,6 @@ _LIKE = 0.22  # relative error of any 3 × 3 matrix from XYZ to the patches' lig
 _UNLIKE = 0.5  # the same of areas as they were grown, some astray: tiles and chequers have more
 _MOSTLY = 0.8  # of the areas that a chart could hold of those in a row
 _TURNS = np.array([[(1, 0), (0, 1)], [(0, 1), (-1, 0)], [(-1, 0), (0, -1)], [(0, -1), (1, 0)]])
-_GRID = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def _chart(
     if to_picture is None or not np.isfinite(to_picture).all():
         return None
     for _ in range(2):
-        grid = _through(to_picture, _GRID)
+        grid = _through(to_picture, PLACES)
         pitch = float(
             np.linalg.norm(np.diff(grid.reshape(ROWS, COLUMNS, 2), axis=1), axis=2).mean()
         )
@@ -186,12 +185,12 @@ def _chart(
         if close.sum() < _LEAST:
             return None
         better, _ = cv2.findHomography(
-            _GRID[close], middles[apart.argmin(axis=1)[close]], cv2.LMEDS
+            PLACES[close], middles[apart.argmin(axis=1)[close]], cv2.LMEDS
         )
         if better is None:
             return None
         to_picture = better
-    grid = _through(to_picture, _GRID)
+    grid = _through(to_picture, PLACES)
     colours = _colours(light, grid, pitch)
     if colours is None:
         return None
