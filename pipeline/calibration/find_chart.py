@@ -16,7 +16,6 @@ from pipeline.spectra.colorchecker import COLUMNS, ROWS
 Array = NDArray[np.float64]
 
 _LONG_SIDE = 1200  # pixels of the picture in which patches are looked for
-_AREAS = (1e-4, 0.035)  # of a patch, by that of the picture
 _LEAST = 8  # patches that must show as areas of their own
 _NEXT = (0.9, 1.6)  # distance of neighbouring patches by their side
 _BESIDE = 0.3  # of that distance, by which a neighbour may be beside its place
@@ -47,7 +46,7 @@ def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     whole = np.ascontiguousarray(light, np.float32)
     resized = cv2.resize(whole, size, interpolation=how).astype(np.float32, copy=False)
-    quads = find_quads(on_screen(resized), _AREAS)
+    quads = find_quads(on_screen(resized))
     colours = _area_colours(resized, quads)
     found: list[FoundChart] = []
     for members in _lattices(quads):

@@ -1,4 +1,4 @@
-"""Four-sided areas of one colour in a picture: what patches of charts and grey cards look like."""
+"""Four-sided areas of one colour in a picture: what patches of charts look like."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_AREAS = (1e-4, 0.035)  # of a patch, by that of the picture
 _WINDOWS = (0.03, 0.08, 0.2)  # of the long side, about which a pixel counts as bright or dark
 _STEP = 6  # of 255, by which it must be so
 _CANNY = ((20, 60), (60, 160))  # thresholds for faint edges and for strong ones
@@ -20,17 +21,20 @@ _SAME = 0.4  # of a side: nearer middles are those of the same area
 
 @dataclass(frozen=True)
 class Quad:
-    """corners: (4, 2) in pixels, around. middle: (2,), where the diagonals cross."""
+    """corners: (4, 2) in pixels, around. middle: (2,), where the diagonals cross.
+
+    side: that of a square of its area, in pixels.
+    """
 
     corners: Array
     middle: Array
     side: float
 
 
-def find_quads(screen: NDArray[np.uint8], areas: tuple[float, float]) -> list[Quad]:
-    """Find four-sided areas; areas: least and most, by that of the picture."""
+def find_quads(screen: NDArray[np.uint8]) -> list[Quad]:
+    """Find four-sided areas as large as a chart's patches in a picture (H, W)."""
     height, width = screen.shape[:2]
-    low, high = (share * height * width for share in areas)
+    low, high = (share * height * width for share in _AREAS)
     found: list[Quad] = []
     for mask in _masks(screen):
         contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
