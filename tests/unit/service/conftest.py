@@ -75,6 +75,13 @@ def engine(tmp_path: Path, empty_database: Path) -> Iterator[sa.Engine]:
 
 
 @pytest.fixture
+def connection(engine: sa.Engine) -> Iterator[sa.Connection]:
+    """A transaction."""
+    with engine.begin() as connection:
+        yield connection
+
+
+@pytest.fixture
 def storage(tmp_path: Path) -> Storage:
     """A store in a folder."""
     return Storage((tmp_path / "a store").as_uri())

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -23,12 +22,6 @@ def _done(connection: sa.Connection, job_id: str, seconds: dict[str, float], **m
     held = jobs.claim(connection, job_id, "w1")
     assert held is not None
     assert jobs.succeed(connection, held, [], seconds)
-
-
-@pytest.fixture
-def connection(engine: sa.Engine) -> Iterator[sa.Connection]:
-    with engine.begin() as connection:
-        yield connection
 
 
 def _job(connection: sa.Connection, job_id: str) -> jobs.Job:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Literal
 
 import pytest
@@ -10,12 +9,6 @@ import sqlalchemy as sa
 from service.rows import database, keys
 from service.rows.keys import Quotas, Scope
 from service.settings import Settings
-
-
-@pytest.fixture
-def connection(engine: sa.Engine) -> Iterator[sa.Connection]:
-    with engine.begin() as connection:
-        yield connection
 
 
 def _make(connection: sa.Connection, lifetime_seconds: float | None = None) -> str:
