@@ -1,9 +1,18 @@
-"""What fails once."""
+"""What fails, once or always."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+
+
+def raising(error: BaseException) -> Callable[..., Any]:
+    """Raise an error whenever it is called."""
+
+    def fail(*_arguments: object, **_named: object) -> Any:
+        raise error
+
+    return fail
 
 
 def at_first(error: Exception, work: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,6 +10,7 @@ from service import belonging, migrations
 from service.errors import StorageFullError
 from service.rows import database, jobs
 from service.storage import Storage
+from tests.unit.service.at_first import raising
 
 Open = Callable[[str], sa.Engine]
 
@@ -133,11 +134,8 @@ def test_a_name_that_an_operator_has_written_counts(migrated: sa.Engine, storage
 def test_a_full_disk_keeps_no_sweep_from_its_work(
     migrated: sa.Engine, storage: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_arguments: object) -> None:
-        raise StorageFullError("full")
-
     with monkeypatch.context() as filled:
-        filled.setattr(Storage, "put", full)
+        filled.setattr(Storage, "put", raising(StorageFullError("full")))
         assert belonging.claim(migrated, storage)
     assert _named(storage) is None
     assert belonging.claim(migrated, storage)

@@ -26,6 +26,7 @@ from service.rows import database, heartbeats, keys
 from service.settings import MIB, Settings
 from service.storage import Storage
 from tests.ports import free_port
+from tests.unit.service.at_first import raising
 
 Look = Callable[[], dict[str, Finding]]
 
@@ -289,17 +290,10 @@ def test_more_free_space_than_the_disk_has_is_told(
 
 def test_full_disks_are_findings_among_others(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     full = sa.exc.OperationalError("x", None, psycopg.errors.DiskFull("no space"))
-
-    def fail(error: Exception) -> Callable[..., None]:
-        def failing(*_arguments: object) -> None:
-            raise error
-
-        return failing
-
     look()
     monkeypatch.setattr("service.doctor._is_missing_file", lambda _url: False)
-    monkeypatch.setattr("service.doctor.migrations.check", fail(full))
-    monkeypatch.setattr("service.storage.Storage.put", fail(StorageFullError("It is full.")))
+    monkeypatch.setattr("service.doctor.migrations.check", raising(full))
+    monkeypatch.setattr("service.storage.Storage.put", raising(StorageFullError("It is full.")))
     found = look()
     assert (found["database"].grade, found["database"].sentence) == (
         "wrong",

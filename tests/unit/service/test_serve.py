@@ -28,6 +28,7 @@ from service.serve import _keep_worker, _remove_expired, _Server, serve
 from service.settings import Settings
 from service.storage import Storage
 from tests.ports import free_port
+from tests.unit.service.at_first import raising
 from tests.unit.service.full_disk import full_disk
 
 
@@ -75,10 +76,6 @@ def test_a_revoked_key_is_none_to_start_with(tmp_path: Path) -> None:
         serve(settings, worker=False)
 
 
-def _fails(*_arguments: object) -> None:
-    raise GenericError("the store is away")
-
-
 @pytest.mark.parametrize("hindered", ["the database's disk is full", "the store is away"])
 def test_uploads_that_cannot_be_removed_keep_no_service_from_starting(
     hindered: str,
@@ -87,7 +84,7 @@ def test_uploads_that_cannot_be_removed_keep_no_service_from_starting(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     if hindered == "the store is away":
-        monkeypatch.setattr(Storage, "folders", _fails)
+        monkeypatch.setattr(Storage, "folders", raising(GenericError("the store is away")))
     with full_disk(context.engine):
         _remove_expired(context)
     (record,) = caplog.records

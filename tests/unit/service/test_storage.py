@@ -17,6 +17,7 @@ from obstore.exceptions import GenericError
 from service.errors import StorageFullError
 from service.storage import Storage
 from tests.stores import check_copy, check_folders
+from tests.unit.service.at_first import raising
 
 
 def test_bytes_come_back(storage: Storage) -> None:
@@ -196,9 +197,7 @@ def test_a_full_disk_is_told_from_a_store_that_is_away(
 def test_a_store_that_is_away_is_not_full(
     storage: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_arguments: object, **_named: object) -> None:
-        raise GenericError("Generic S3 error: connection refused (os error 111)")
-
-    monkeypatch.setattr(obstore, "put", fail)
+    away = GenericError("Generic S3 error: connection refused (os error 111)")
+    monkeypatch.setattr(obstore, "put", raising(away))
     with pytest.raises(GenericError):
         storage.put("a", b"light")

@@ -21,6 +21,7 @@ from service.rows.states import State
 from service.settings import Settings
 from service.webhooks import Teller, queue_news, retry_after
 from tests.unit.service.asking import stored
+from tests.unit.service.at_first import raising
 from tests.unit.service.receiver import SECRET, receiving
 
 URL = "https://hook.example/?token=hidden"
@@ -272,11 +273,7 @@ def test_no_answer_is_told_again(
 ) -> None:
     _ended(engine, "a")
     _news(engine, queue)
-
-    def fail(*_arguments: object) -> None:
-        raise UnansweredError("it took too long")
-
-    monkeypatch.setattr(webhooks, "post", fail)
+    monkeypatch.setattr(webhooks, "post", raising(UnansweredError("it took too long")))
     assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
 
 

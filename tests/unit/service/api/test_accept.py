@@ -25,6 +25,7 @@ from service.errors import (
 from service.settings import Settings
 from service.workers import sandbox
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
+from tests.unit.service.at_first import raising
 
 Png = Callable[..., bytes]
 Checked = Callable[[Exception], httpx.Response]
@@ -71,7 +72,7 @@ def checked(http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch) -> Ch
 
     def send(end: Exception) -> httpx.Response:
         with monkeypatch.context() as ended:
-            ended.setattr(sandbox, "run", _raising(end))
+            ended.setattr(sandbox, "run", raising(end))
             return post_pair(http, png(64, 48), png(64, 48, True))
 
     return send
@@ -154,7 +155,7 @@ def test_a_disk_that_fills_up_during_an_upload_is_told(
     http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = OSError(errno.ENOSPC, "No space left on device")
-    monkeypatch.setattr(tempfile, "mkdtemp", _raising(full))
+    monkeypatch.setattr(tempfile, "mkdtemp", raising(full))
     for answer in (
         post_pair(http, png(64, 48), png(64, 48, True)),
         http.post("/jobs", json={"capture": {"camera": "sim://studio"}}),
@@ -162,13 +163,6 @@ def test_a_disk_that_fills_up_during_an_upload_is_told(
         status, kind, detail = problem_of(answer)
         assert (status, kind) == (507, "storage-full")
         assert "is full" in detail and answer.json()["retryable"]
-
-
-def _raising(error: Exception) -> Callable[..., None]:
-    def fail(*_arguments: object, **_named: object) -> None:
-        raise error
-
-    return fail
 
 
 @pytest.mark.parametrize(

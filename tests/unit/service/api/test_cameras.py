@@ -21,6 +21,7 @@ from service.settings import Settings
 from service.workers import camera_tasks
 from service.workers.tasks import FindCameras
 from tests.unit.service.asking import bearing, owner_of, problem_of
+from tests.unit.service.at_first import raising
 from tests.unit.service.streams import events
 from tests.unit.service.studio import AWAY, PATH, SIM, hold, take_release_away, with_cameras
 
@@ -89,10 +90,7 @@ class TestList:
     def test_a_machine_that_has_nothing_left_leaves_looks_unanswered(
         self, error: Exception, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        def run(*_arguments: object) -> None:
-            raise error
-
-        monkeypatch.setattr(CameraDiscovery, "_run", run)
+        monkeypatch.setattr(CameraDiscovery, "_run", raising(error))
         shown = http.get("/cameras").raise_for_status().json()
         assert {one["address"]: one["state"] for one in shown} == {SIM: "away", AWAY: "away"}
 

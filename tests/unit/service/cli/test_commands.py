@@ -18,6 +18,7 @@ from service.cli import run
 from service.sending.client import Client, ServiceAwayError
 from service.workers.shortage import TOLD
 from tests.unit.service.asking import rows_of
+from tests.unit.service.at_first import raising
 
 
 def _refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
@@ -202,11 +203,8 @@ def test_the_job_is_named_whatever_ends_the_wait_for_its_results(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def fails(*_arguments: object) -> None:
-        raise error
-
     monkeypatch.setattr(Client, "wait", lambda _client, job, _report: job)
-    monkeypatch.setattr(Client, call, fails)
+    monkeypatch.setattr(Client, call, raising(error))
     out = str(tmp_path / "out")
     assert run(["submit", *pair, "-o", out, "--url", str(http.base_url)]) == code
     (job,) = rows_of(context)

@@ -16,6 +16,7 @@ from service.sending.client import Client, Job, RefusedError, ServiceAwayError
 from service.sending.sender import Sender
 from service.sending.spool import Spool
 from tests.chaos.relay import Relay
+from tests.unit.service.at_first import raising
 from tests.unit.service.fake_service import FakeService
 
 Png = Callable[..., bytes]
@@ -420,13 +421,10 @@ def test_pairs_are_sent_also_where_nobody_can_be_told(
     pairs: list[dict[str, tuple[str, bytes]]],
     error: Exception,
 ) -> None:
-    def unheard(*_: object, **_facts: object) -> None:
-        raise error
-
     service.error = refusal(429)  # held up, then put aside, then sent
     (spool.add("damaged", pairs[0], {}).folder / "pair.json").unlink()
     sent = [spool.add(f"shot{n}", pair, {}).sha256 for n, pair in enumerate(pairs[:2])]
-    sender = Sender(spool, service, unheard)
+    sender = Sender(spool, service, raising(error))
     assert service.tries.acquire(timeout=60)
     service.error = None
     assert sender.finish()
@@ -463,9 +461,7 @@ def test_a_pair_that_has_gone_is_told_as_sent_whatever_its_folder_does(
     pairs: list[dict[str, tuple[str, bytes]]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fails(*_: object) -> None:
-        raise OSError(5, "Input/output error")
-
+    fails = raising(OSError(5, "Input/output error"))
     spool.add("shot", pairs[0], {})
     with monkeypatch.context() as patched:
         patched.setattr(f"service.sending.spool.{broken}", fails)

@@ -27,7 +27,7 @@ from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored
-from tests.unit.service.at_first import at_first
+from tests.unit.service.at_first import at_first, raising
 
 Run = Callable[[], jobs.Job | None]
 
@@ -68,13 +68,6 @@ def run(context: Context) -> Run:
             return jobs.find(connection, "a")
 
     return attempt
-
-
-def raising(error: Exception) -> Callable[..., None]:
-    def fail(*_arguments: object) -> None:
-        raise error
-
-    return fail
 
 
 @pytest.mark.parametrize(
@@ -405,10 +398,7 @@ def test_a_machine_that_stays_without_processes_fails_the_job_with_that_reason(
 def test_a_disk_that_stays_full_fails_the_job_with_that_reason(
     module: object, name: str, error: Exception, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_arguments: object, **_named: object) -> None:
-        raise error
-
-    monkeypatch.setattr(module, name, fail)
+    monkeypatch.setattr(module, name, raising(error))
     job = run()
     assert job is not None and job.error is not None
     assert job.error["type"] == "urn:lightlayers:problem:storage-full"

@@ -22,6 +22,7 @@ from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored, stored_job
+from tests.unit.service.at_first import raising
 
 TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
 
@@ -92,10 +93,7 @@ def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
     job_id = stored_job(context)
     attempt = _attempt(context, job_id)
     context.storage.put(results_key(job_id, 1, "a.png"), b"half")
-
-    def away(*_arguments: object) -> None:
-        raise GenericError("away")
-
+    away = raising(GenericError("away"))
     with monkeypatch.context() as patch:
         patch.setattr(Storage, "delete_below", away)
         patch.setattr(Storage, "check", away)

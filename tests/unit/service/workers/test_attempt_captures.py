@@ -20,6 +20,7 @@ from service.workers import host, sandbox
 from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import Task
+from tests.unit.service.at_first import raising
 
 PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
 TOLD = {"settings": {"iso": 400}, "info": None}
@@ -117,13 +118,6 @@ def test_an_attempt_that_counts_no_more_keeps_no_pair(
     kept = sorted(job.inputs[frame]["key"] for frame in PAIR)
     assert context.storage.list("jobs/a/") == kept
     assert context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
-
-
-def raising(error: Exception) -> Callable[..., None]:
-    def fail(*_arguments: object) -> None:
-        raise error
-
-    return fail
 
 
 def test_a_pair_that_was_taken_outlasts_all_that_comes_after(
@@ -293,12 +287,8 @@ def test_the_switch_of_a_flash_is_told_off_where_the_process_of_a_capture_could_
         jobs.add(connection, row | {"camera": camera, "capture": asked})
         held = cameras.claim(connection, "a", "w")
     assert held is not None
-
-    def run(*_arguments: object) -> None:
-        raise error
-
     told: list[str] = []
-    monkeypatch.setattr(sandbox, "run", run)
+    monkeypatch.setattr(sandbox, "run", raising(error))
     monkeypatch.setattr("service.workers.attempt.leave_flash_off", told.append)
     settings = context.settings.model_copy(update={"flash_switch": "relay {state}"})
     Attempt(

@@ -12,6 +12,7 @@ from service import dbos_queue
 from service.errors import StartError
 from service.settings import Settings
 from service.workers.worker import Worker
+from tests.unit.service.at_first import raising
 
 _AWAY = sa.exc.OperationalError("SELECT 1", {}, Exception("connection failed: refused\nDETAIL: x"))
 
@@ -24,18 +25,11 @@ def one(settings: Settings) -> Iterator[Worker]:
     one._engine.dispose()
 
 
-def _fail_with(error: Exception) -> object:
-    def fail(*_arguments: object) -> None:
-        raise error
-
-    return fail
-
-
 def test_a_database_that_goes_while_a_worker_starts_is_told_in_a_line(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(one._fork_server, "start", lambda: None)
-    monkeypatch.setattr(dbos_queue, "launch", _fail_with(_AWAY))
+    monkeypatch.setattr(dbos_queue, "launch", raising(_AWAY))
     with pytest.raises(StartError) as caught:
         one.serve(threading.Event())
     assert str(caught.value) == (
@@ -59,7 +53,7 @@ def test_a_heartbeat_without_a_database_is_a_line_and_a_fault_of_ours_a_trace(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(one._queue, "held", _fail_with(error))
+    monkeypatch.setattr(one._queue, "held", raising(error))
     one.keep()
     said = [(line.getMessage(), bool(line.exc_info)) for line in caplog.records]
     assert said == [(words, bool(traced))]
