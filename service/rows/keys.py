@@ -156,24 +156,27 @@ def list_keys(connection: sa.Connection) -> list[Key]:
 
 def any_made(connection: sa.Connection) -> bool:
     """Whether a key was ever made, even if it was revoked since."""
-    return connection.execute(sa.select(keys.c.id).limit(1)).first() is not None
+    return _any(connection)
 
 
 def is_usable(connection: sa.Connection, key_id: str) -> bool:
     """Whether the key of this id is neither revoked nor expired."""
-    query = sa.select(keys.c.id).where(keys.c.id == key_id, _USABLE)
-    return connection.execute(query).first() is not None
+    return _any(connection, keys.c.id == key_id, _USABLE)
 
 
 def has_ended(connection: sa.Connection, key_id: str) -> bool:
     """Whether there is a key of this id that is revoked or expired."""
-    query = sa.select(keys.c.id).where(keys.c.id == key_id, ~_USABLE)
-    return connection.execute(query).first() is not None
+    return _any(connection, keys.c.id == key_id, ~_USABLE)
 
 
 def any_usable(connection: sa.Connection) -> bool:
     """Whether there is a key that requests can be made with."""
-    return connection.execute(sa.select(keys.c.id).where(_USABLE).limit(1)).first() is not None
+    return _any(connection, _USABLE)
+
+
+def _any(connection: sa.Connection, *which: sa.ColumnElement[bool]) -> bool:
+    query = sa.select(keys.c.id).where(*which).limit(1)
+    return connection.execute(query).first() is not None
 
 
 def required(settings: Settings) -> bool:
