@@ -73,16 +73,18 @@ def find_all(connection: sa.Connection, addresses: Collection[str]) -> list[Came
     used = sa.select(rows.c.camera).where(rows.c.camera.is_not(None), _unfinished())
     busy = connection.execute(used.distinct()).scalars().all()
     ids = {*busy, *map(id_of, addresses)}
-    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago"))
-    found = connection.execute(query.where(cameras.c.id.in_(ids)).order_by(cameras.c.address))
-    return [_camera(connection, row._mapping) for row in found]
+    return _seen(connection, cameras.c.id.in_(ids))
 
 
 def find(connection: sa.Connection, camera: str) -> Camera | None:
     """Find the camera of this id."""
-    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago"))
-    row = connection.execute(query.where(cameras.c.id == camera)).first()
-    return _camera(connection, row._mapping) if row else None
+    return next(iter(_seen(connection, cameras.c.id == camera)), None)
+
+
+def _seen(connection: sa.Connection, which: sa.ColumnElement[bool]) -> list[Camera]:
+    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago")).where(which)
+    found = connection.execute(query.order_by(cameras.c.address))
+    return [_camera(connection, row._mapping) for row in found]
 
 
 def _camera(connection: sa.Connection, row: Mapping[Any, Any]) -> Camera:
