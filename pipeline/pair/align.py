@@ -115,8 +115,7 @@ def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
 
 def _shrunk(image: Image, longest: int) -> Image:
     """A picture with no side longer than that."""
-    size = size_within((image.shape[1], image.shape[0]), longest)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    return area_means(image, size_within((image.shape[1], image.shape[0]), longest))
 
 
 def _estimate(
