@@ -7,7 +7,6 @@ puts the results into demo/ and compares the layers with the light that the came
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import socket
@@ -24,6 +23,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from scipy.optimize import linear_sum_assignment
 
 import drivers
 from pipeline.errors import InputError
@@ -152,14 +152,8 @@ def match_layers(found: Layers, truth: Layers) -> list[tuple[int, int, float]]:
     Gives (index found, index true, SNR in dB) for min(N, M) pairs, ordered by the index found.
     """
     table = [[layer_snr(layer, true) for true in truth] for layer in found]
-    count = min(len(found), len(truth))
-    choices = (
-        tuple(zip(rows, columns, strict=True))
-        for rows in itertools.combinations(range(len(found)), count)
-        for columns in itertools.permutations(range(len(truth)), count)
-    )
-    best = max(choices, key=lambda pairs: sum(table[row][column] for row, column in pairs))
-    return [(row, column, table[row][column]) for row, column in best]
+    rows, columns = linear_sum_assignment(np.clip(table, -999, 999), maximize=True)  # none is ∞
+    return [(int(i), int(j), table[i][j]) for i, j in zip(rows, columns, strict=True)]
 
 
 def layer_snr(layer: NDArray[np.float32], truth: NDArray[np.float32]) -> float:
