@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Vectors = NDArray[np.floating]
 
 
-def angles(a: Array, b: Array) -> Array:
-    """Angles in degrees between vectors along the last axis."""
+def angles(one: Vectors, other: Vectors) -> NDArray[np.float64]:
+    """Angles in degrees between vectors along the last axis, NaN where one of them is."""
+    a, b = (vectors.astype(np.float64) for vectors in (one, other))
     cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

@@ -25,6 +25,7 @@ from PIL import Image as PillowImage
 from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
 from tests.acceptance.forks import Forks
+from tests.angles import angles
 from tests.layers import layers_of, picture, planes_of
 from tests.png_bombs import png_bomb
 from tests.ports import free_port
@@ -176,14 +177,6 @@ def snr_db(found: NDArray[Any], true: NDArray[Any]) -> float:
     """Signal-to-noise ratio."""
     error = np.square(found - true, dtype=np.float64).sum()
     return float(10 * np.log10(np.square(true, dtype=np.float64).sum() / error))
-
-
-def angles(found: NDArray[Any], true: NDArray[Any]) -> NDArray[np.float64]:
-    """Angle in degrees between vectors along the last axis."""
-    cosine = (found * true).sum(-1, dtype=np.float64)
-    cosine /= np.linalg.norm(found.astype(np.float64), axis=-1)
-    cosine /= np.linalg.norm(true.astype(np.float64), axis=-1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 @pytest.fixture(scope="session")

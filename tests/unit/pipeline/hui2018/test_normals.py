@@ -17,6 +17,7 @@ from pipeline.lamps.model import Model
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import reduce_pair
 from pipeline.separation.separation import Strip
+from tests.angles import angles
 
 Array = NDArray[np.float64]
 
@@ -70,12 +71,6 @@ def lights(
 def relative(strengths: Array) -> Array:
     """Strengths, the largest 1: only their ratios mean anything."""
     return np.asarray(strengths / strengths.max())
-
-
-def angles(found: NDArray[np.floating], true: Array) -> Array:
-    """Angles in degrees, NaN where nothing was found."""
-    cosine = (found.astype(np.float64) * true).sum(-1) / np.linalg.norm(found, axis=-1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 @pytest.fixture
