@@ -66,12 +66,12 @@ def patiently(
             if not may_pass(error) or time.monotonic() + wait > deadline:
                 raise
             metrics.count_fault(error)
-            log.warning("hindered, tries again in %s s: %s", wait, _name(error))
+            log.warning("hindered, tries again in %s s: %s", wait, _reason(error))
         pause(wait)
         wait = min(2 * wait, _LONGEST_PAUSE_SECONDS)
 
 
-def _name(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     if isinstance(error, OSError):
         return reason_of(error)
-    return f"{kind_of(error).name} ({type(error).__name__})"
+    return f"{kind_of(error).name}: {cause_of(error)}"

@@ -38,8 +38,8 @@ def test_what_passes_is_waited_for_ever_longer() -> None:
 @pytest.mark.parametrize(
     ("error", "words", "counted"),
     [
-        (GenericError("away"), "store-unavailable (GenericError)", 2),
-        (NoProcessError(), "no-process (NoProcessError)", 0),
+        (GenericError("away\n\nDebug source"), "store-unavailable: away", 2),
+        (StorageFullError("It is full."), "storage-full: It is full", 0),
         (OSError(errno.ENOSPC, "No space left on device", "name"), "no space left on device", 0),
     ],
 )
