@@ -205,7 +205,7 @@ def _store(settings: Settings) -> Iterator[Finding]:
             "wrong",
             "store",
             f"it answers and cannot be written ({cause_of(error)}): allow reading, writing, "
-            "listing and deleting.",
+            "listing and deleting, or see what its own log says.",
         )
         return
     grade: Literal["ok", "wrong"] = "ok" if read == b"light" else "wrong"

@@ -25,6 +25,9 @@ from service.errors import StorageFullError
 _CHUNK = 1024 * 1024
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
 
+_FULL_SIGNS = (*(f"(os error {number})" for number in FULL), "507 Insufficient Storage")
+"""What the store's client says of a disk that is full: this machine's, or that of an S3 server."""
+
 _RETRY = timedelta(seconds=45)
 """How long a request that fails is sent again. One that hangs takes 30 s: it is sent twice."""
 
@@ -227,7 +230,7 @@ def _room() -> Iterator[None]:
     try:
         yield
     except GenericError as error:
-        if any(f"(os error {number})" in str(error) for number in FULL):
+        if any(sign in str(error) for sign in _FULL_SIGNS):
             raise StorageFullError(
                 "The disk that photographs and results are kept on is full; try again later."
             ) from error

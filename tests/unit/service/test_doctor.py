@@ -221,6 +221,21 @@ def test_a_store_that_cannot_be_opened_is_told(look: Look, monkeypatch: pytest.M
     assert look()["store"].grade == "wrong"
 
 
+def test_a_store_that_fails_is_told_with_its_cause(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_arguments: object) -> None:
+        raise GenericError("status code: 500 Internal Server Error\n\nDebug source")
+
+    monkeypatch.setattr("service.storage.Storage.put", fail)
+    found = look()["store"]
+    assert (found.grade, found.sentence) == (
+        "wrong",
+        "it answers and cannot be written (status code: 500 Internal Server Error): allow reading, "
+        "writing, listing and deleting, or see what its own log says.",
+    )
+
+
 def test_the_store_is_left_as_it_was(look: Look, context: Context) -> None:
     assert look()["store"].grade == "ok"
     assert context.storage.list("") == []

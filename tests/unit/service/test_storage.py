@@ -175,17 +175,26 @@ def test_an_object_that_is_gone_is_deleted(storage: Storage) -> None:
     assert storage.list("jobs/") == []
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(
+            f"LocalFileSystem error: Unable to copy data to file: {os.strerror(number)} "
+            f"(os error {number})"
+            for number in (errno.ENOSPC, errno.EDQUOT)
+        ),
+        "S3 error: Error performing PUT http://store/photographs/a in 3.3s, after 10 retries, "
+        "max_retries: 10, retry_timeout: 45s  - Server returned non-2xx status code: 507 "
+        "Insufficient Storage: XMinioStorageFull",
+    ],
+)
 def test_a_full_disk_is_told_from_a_store_that_is_away(
-    storage: Storage, number: int, monkeypatch: pytest.MonkeyPatch
+    storage: Storage, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the words of the store's client."""
 
     def fail(*_arguments: object, **_named: object) -> None:
-        raise GenericError(
-            f"Generic LocalFileSystem error: Unable to copy data to file: {os.strerror(number)} "
-            f"(os error {number})\n\nDebug source:\nGeneric {{}}"
-        )
+        raise GenericError(f"Generic {words}\n\nDebug source:\nGeneric {{}}")
 
     for name in ("put", "copy"):
         monkeypatch.setattr(obstore, name, fail)
