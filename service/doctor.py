@@ -40,6 +40,11 @@ from service.variables import PREFIX, faults
 _CLOCKS_APART_SECONDS = 5  # this machine's and the database's
 _OPEN_FILES = 1024  # each connection and photograph takes one
 _LIBRARIES = ("lightlayers", "dbos", "fastapi", "numpy", "obstore", "opencv-python-headless")
+_MEMORY_LIMITS = (
+    Path("/sys/fs/cgroup/memory.max"),
+    Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
+)
+"""Of the container, by control groups of version 2 and 1; "max" or a huge number for none."""
 
 
 @dataclass(frozen=True)
@@ -300,9 +305,8 @@ def _memory(settings: Settings) -> Iterator[Finding]:
 def _memory_bytes() -> int:
     """Memory of this machine, or of the container that we are in."""
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    limit = Path("/sys/fs/cgroup/memory.max")
-    text = limit.read_text().strip() if limit.exists() else "max"
-    return there if text == "max" else min(there, int(text))
+    texts = [limit.read_text().strip() for limit in _MEMORY_LIMITS if limit.exists()]
+    return min([there, *(int(text) for text in texts if text != "max")])
 
 
 def _files(settings: Settings) -> Iterator[Finding]:

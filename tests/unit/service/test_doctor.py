@@ -347,6 +347,34 @@ def test_memory_that_a_job_may_not_have_is_told(
     assert look()["memory"].grade == "wrong"
 
 
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (("max\n", None), "64.0 GiB for 1 job"),
+        ((f"{3 * 2**30}\n", None), "3.0 GiB for 1 job"),
+        ((None, f"{2 * 2**30}\n"), "2.0 GiB for 1 job"),
+        ((None, "9223372036854771712\n"), "64.0 GiB for 1 job"),
+        ((None, None), "64.0 GiB for 1 job"),
+    ],
+)
+def test_the_memory_of_a_container_is_its_own(
+    texts: tuple[str | None, str | None],
+    said: str,
+    look: Look,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By control groups of version 2, and of version 1."""
+    limits = tuple(tmp_path / name for name in ("memory.max", "memory.limit_in_bytes"))
+    for limit, text in zip(limits, texts, strict=True):
+        if text is not None:
+            limit.write_text(text)
+    sizes = {"SC_PHYS_PAGES": 2**24, "SC_PAGE_SIZE": 2**12}
+    monkeypatch.setattr("service.doctor.os.sysconf", sizes.__getitem__)
+    monkeypatch.setattr("service.doctor._MEMORY_LIMITS", limits)
+    assert look()["memory"].sentence.startswith(said)
+
+
 def test_too_few_files_are_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.doctor.resource.getrlimit", lambda _what: (256, -1))
     assert look()["ulimits"].grade == "wrong"
