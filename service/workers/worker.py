@@ -223,7 +223,7 @@ class Worker:
     def _run(self, job_id: str, claim: Claim, is_over: IsOver, again: int = 0) -> bool:
         """Do what a queue has for a job, until it is over; whether there is such a job."""
         attempt: Attempt | None = None
-        lost = False
+        lost = hindered = False
         while True:
             try:
                 with self._working():
@@ -234,6 +234,7 @@ class Worker:
                         held = claim(connection, job_id, self.id)
                         known = held or jobs.find(connection, job_id)
                         over = known is None or is_over(connection, known)
+                    hindered = False
                     if over:
                         return known is not None
                     if held:
@@ -247,7 +248,9 @@ class Worker:
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
                 lost |= not passes(error)  # still so where writing that is hindered
-                note(log, "cut short", error, job=job_id, worker=self.id)
+                if not (hindered and passes(error)):  # one line, not one for each try
+                    note(log, "cut short", error, job=job_id, worker=self.id)
+                hindered = True
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.
             self._stopping.wait(_RETRY_SECONDS)

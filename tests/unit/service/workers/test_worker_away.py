@@ -10,7 +10,9 @@ import sqlalchemy as sa
 
 from service import dbos_queue
 from service.errors import StartError
+from service.rows import jobs
 from service.settings import Settings
+from service.workers import worker
 from service.workers.worker import Worker
 from tests.unit.service.at_first import raising
 
@@ -58,3 +60,21 @@ def test_a_heartbeat_without_a_database_is_a_line_and_a_fault_of_ours_a_trace(
     said = [(line.getMessage(), bool(line.exc_info)) for line in caplog.records]
     assert said == [(words, bool(traced))]
     assert vars(caplog.records[0])["worker"] == one.id
+
+
+def test_a_job_without_a_database_is_a_line_for_each_time_that_it_goes(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    fault = RuntimeError("what?")
+    # None: another worker has it
+    found: list[Exception | None] = [_AWAY, _AWAY, fault, _AWAY, None, _AWAY, _AWAY, None]
+
+    def claim(*_arguments: object) -> None:
+        if error := found.pop(0):
+            raise error
+
+    monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.0)
+    monkeypatch.setattr(jobs, "find", lambda *_arguments: object())
+    assert one._run("1", claim, lambda *_arguments: not found)
+    away = "cut short, database-unavailable: connection failed: refused"
+    assert [line.getMessage() for line in caplog.records] == [away, "cut short", away]
