@@ -142,7 +142,7 @@ def answer_of(error: Exception, request: Request) -> Response:
     if isinstance(error, RangeError):
         headers["Content-Range"] = f"bytes */{error.size}"
     if isinstance(error, StorageFullError):  # every request says so: no trace for each
-        log.error("no room for a job", extra={"trace_id": request.state.trace_id})
+        log.error("no room for a job: %s", error, extra={"trace_id": request.state.trace_id})
     elif isinstance(error, BusyError):
         log.warning("too many requests", extra={"trace_id": request.state.trace_id})
     elif isinstance(error, UnreadyError):  # balancers ask all the time, and a stop is no fault

@@ -87,7 +87,7 @@ class TestLowDisk:
             assert "delete jobs" in detail
             assert answer.json()["retryable"]
         told = [(record.getMessage(), record.exc_info) for record in caplog.records]
-        assert told == [("no room for a job", None)] * 2
+        assert told == [(f"no room for a job: {detail}", None)] * 2  # of which disk
         assert rows_of(context) == []
         assert context.storage.list("") == []
 
