@@ -68,7 +68,7 @@ class UsbTransport(Transport):
         self._event = bytearray()
         self._block = array("B", bytes(_BLOCK_BYTES))
         self._open = True
-        self._transaction = 0
+        self._transaction = self._interface = 0  # until they are known
         with self._translated():
             interface = _still_image(device)
             self._interface = interface.bInterfaceNumber
@@ -85,7 +85,7 @@ class UsbTransport(Transport):
         raw = container.encode()
         with self._translated():
             self._unstalled(self._out, partial(self._write, raw))
-            if container.type is ContainerType.DATA and len(raw) % self._out.wMaxPacketSize == 0:
+            if len(raw) % self._out.wMaxPacketSize == 0:
                 self._write(b"")
 
     def _write(self, raw: bytes) -> None:
@@ -95,8 +95,6 @@ class UsbTransport(Transport):
         """Take the next data or response container."""
         deadline = self._clock.monotonic() + self._answer_s
         with self._translated():
-            if not self._received and not self._read(deadline):
-                self._read(deadline)  # one empty packet may come first
             while len(self._received) < _HEADER_BYTES:
                 self._read_more(deadline)
             length = struct.unpack_from("<I", self._received)[0]
@@ -124,6 +122,7 @@ class UsbTransport(Transport):
         return len(self._received)
 
     def _read_more(self, deadline: float) -> None:
+        # one empty packet may come first
         if not self._read(deadline) and not self._read(deadline):
             raise ProtocolError("The camera broke a container off")
 
@@ -237,9 +236,6 @@ class UsbTransport(Transport):
                 "take the pair anew."
             ) from error
         except usb.core.USBError as error:
-            if error.errno == errno.EPIPE:
-                with contextlib.suppress(usb.core.USBError):
-                    self._reset()
             raise _error_of(error, self._device) from error
 
 

@@ -198,6 +198,14 @@ def test_data_of_unknown_length_end_with_a_short_packet(clock: Clock) -> None:
     assert transport.receive().code == 0x2001
 
 
+def test_data_of_unknown_length_that_go_on_beyond_what_may_be_are_refused(clock: Clock) -> None:
+    """Before a camera that never stops has filled the memory."""
+    bus = ScriptedBus(clock, b"\xff" * 4 + bytes(508), *[bytes(512)] * 9)
+    with pytest.raises(ProtocolError, match="wants to send 1024 bytes where 1000 may be"):
+        asked(bus, clock).receive(1000)
+    assert bus.requests[-1] == 0x66  # to be reset
+
+
 def test_data_and_response_may_come_in_one_transfer(clock: Clock) -> None:
     data = Container(ContainerType.DATA, 0x1009, 0, b"photograph").encode()
     transport = asked(ScriptedBus(clock, data + OK), clock)
@@ -312,6 +320,15 @@ def test_a_silent_camera_has_a_second_to_close_its_session(clock: Clock) -> None
     assert bus.looks == [100, 500, 500]  # for what is in the pipe, and for the answer
 
 
+def test_a_camera_is_reset_before_its_pipe_is_read_empty(clock: Clock) -> None:
+    """Or all that is left of a photograph would be waited for."""
+    bus = SilentBus(clock)
+    transport = driver.connect("", bus, clock)
+    bus._answers.extend([bytes(512)] * 5)
+    transport.start_afresh()
+    assert (bus.requests[0], bus.looks) == (0x66, [100])
+
+
 def test_a_stall_is_cleared_once(clock: Clock) -> None:
     bus = ScriptedBus(clock, OK)
     transport = asked(bus, clock)
@@ -351,6 +368,29 @@ def test_errors_of_usb_become_those_of_cameras(
 
     monkeypatch.setattr(bus, "claim_interface", claim)
     with pytest.raises(error, match=sentence):
+        driver.connect("", bus, clock)
+
+
+@pytest.mark.parametrize(
+    ("number", "error"),
+    [(errno.ETIMEDOUT, CameraTimeoutError), (errno.EPIPE, CameraDisconnectedError)],
+)
+def test_a_camera_that_does_not_tell_its_configuration_is_told_as_such(
+    bus: SimulatedBus,
+    clock: Clock,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    error: type[Exception],
+) -> None:
+    """As one that hangs, before its interface is known."""
+    kind = usb.core.USBTimeoutError if number == errno.ETIMEDOUT else usb.core.USBError
+
+    def fail(*_: Any) -> None:
+        raise kind("no", errno=number)
+
+    monkeypatch.setattr(bus, "get_configuration", fail)
+    monkeypatch.setattr(bus, "set_configuration", fail)
+    with pytest.raises(error):
         driver.connect("", bus, clock)
 
 
@@ -480,8 +520,9 @@ def test_a_camera_that_never_stops_sending_is_left_alone(
         return 512
 
     monkeypatch.setattr(bus, "bulk_read", read_on)
-    driver.connect("", bus, clock).start_afresh()
-    assert len(reads) == 600
+    transport = driver.connect("", bus, clock)
+    transport.start_afresh()
+    assert (len(reads), len(transport._received)) == (600, 512)
 
 
 def test_nothing_is_asked_of_a_closed_camera(bus: SimulatedBus, clock: Clock) -> None:
