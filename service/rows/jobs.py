@@ -133,8 +133,7 @@ def _insert(
     connection: sa.Connection, values: Mapping[str, Any], deadline_seconds: float | None
 ) -> int:
     owner, priority = values.get("owner", ""), values.get("priority", "normal")
-    camera = None if values.get("inputs") else values.get("camera")
-    rank = fairness.next_rank(connection, owner, priority, camera)
+    rank = fairness.next_rank(connection, owner, priority, values.get("camera"))
     deadline = None if deadline_seconds is None else now() + deadline_seconds
     row = sa.insert(jobs).values(state=State.QUEUED, rank=rank, created=now(), deadline=deadline)
     connection.execute(row.values(**values))

@@ -259,6 +259,15 @@ def test_a_takeover_is_another_attempt_in_the_same_state(dead: State, engine: sa
     assert (job.state, job.attempt, job.lost, job.worker) == (dead, 2, 1, "w2")
 
 
+def test_a_takeover_ends_what_the_dead_worker_asked_its_operator_for(engine: sa.Engine) -> None:
+    """Else the job would run, and still show what nobody waits for."""
+    _in_state(engine, State.WAITING_FOR_OPERATOR)
+    _dies(engine, "w1")
+    job = claimed(engine, "a", "w2")
+    assert (job.state, job.attempt, job.lost) == (State.RUNNING, 2, 1)
+    assert (job.request, job.request_until) == (None, None)
+
+
 def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
