@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import logging
 import sqlite3
 import tempfile
 from collections.abc import Callable
@@ -465,9 +466,14 @@ def test_an_attempt_without_a_database_is_cut_short_and_fails_no_job(
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("end", ["succeed", "fail"])
 def test_an_end_whose_answer_is_lost_is_written_once(
-    run: Run, context: Context, end: str, monkeypatch: pytest.MonkeyPatch
+    run: Run,
+    context: Context,
+    end: str,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """The database has it, but what it says to that does not come through."""
+    caplog.set_level(logging.INFO, "service.workers.attempt")
     write, lost = getattr(jobs, end), [True]
 
     def write_and_lose(connection: sa.Connection, *arguments: Any, **more: Any) -> bool:
@@ -486,10 +492,13 @@ def test_an_end_whose_answer_is_lost_is_written_once(
     job = run()
     assert job is not None and not lost
     stored = [key for key in context.storage.list("jobs/a/") if "/inputs/" not in key]
+    told = caplog.records[-1].getMessage()
     if end == "succeed":
         assert (job.state, stored) == (State.SUCCEEDED, [results_key("a", 1, "a.png")])
+        assert told == "succeeded"
     else:
         assert (job.state, stored) == (State.FAILED, [])
+        assert told == "failed: urn:lightlayers:problem:crashed"
 
 
 @pytest.mark.parametrize("error", [away(), BUSY])

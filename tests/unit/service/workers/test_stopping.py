@@ -76,6 +76,24 @@ def test_a_deadline_ends_what_goes_on_and_not_what_is_canceled(
     assert attempt.is_due()
 
 
+def test_a_database_that_is_away_ends_an_attempt_once_others_take_its_job_over(
+    engine: sa.Engine, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attempt = begun(engine)
+    clock.now += 3000.0
+    assert not attempt.is_due()  # from when on it is silent
+
+    def away(*_arguments: Any) -> bool:
+        raise sa.exc.OperationalError("", None, Exception("away"))
+
+    monkeypatch.setattr(jobs, "must_stop", away)
+    clock.now += 3600.0
+    assert not attempt.is_due()
+    clock.now += 1.0
+    with pytest.raises(sa.exc.OperationalError):
+        attempt.is_due()
+
+
 def test_a_pause_is_as_long_as_asked_and_ends_with_the_job(engine: sa.Engine, clock: Clock) -> None:
     attempt = begun(engine)
     attempt.pause(0.6)
