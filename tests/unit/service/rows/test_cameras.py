@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -101,6 +102,14 @@ def test_what_a_camera_tells_is_kept_when_it_is_away(engine: sa.Engine, camera: 
     assert (found.model, found.battery_percent, found.answered) == ("Model", 80, False)
 
 
+def test_what_a_camera_tells_is_cut_to_what_every_database_keeps(
+    engine: sa.Engine, camera: str
+) -> None:
+    with engine.begin() as connection:
+        cameras.note(connection, camera, replace(INFO, model="M" * 256))
+    assert _look(engine, camera).model == "M" * 255
+
+
 def test_one_job_at_a_time_has_a_camera(engine: sa.Engine, camera: str) -> None:
     _add(engine, "a")
     _add(engine, "b")
@@ -136,6 +145,7 @@ def test_jobs_of_two_cameras_wait_for_the_one_switch_of_their_flash(engine: sa.E
     with engine.begin() as connection:
         assert jobs.set_inputs(connection, held, {}, 1, {})
         assert jobs.release(connection, held)
+        assert jobs.claim(connection, "a", "w1")  # to separate the pair, which needs no flash
     other = _claim(engine, "b", "w2")
     assert other and other.id == "b"
 
@@ -372,6 +382,7 @@ def test_cameras_are_listed_by_address_and_where_jobs_use_them(
         cameras.add(connection, "sim://studio")  # that nobody asks for any more
     _add(engine, "a", OTHER)
     _add(engine, "b", "sim://studio?lights=3", state=State.FAILED)
+    _add(engine, "c", "sim://studio?lights=2", inputs={"flash": {}})  # which has its pair
     with engine.connect() as connection:
         found = cameras.find_all(connection, [f"{ADDRESS}:15740"])
     assert [(one.address, one.waiting) for one in found] == [(ADDRESS, 0), (OTHER, 1)]
@@ -394,6 +405,8 @@ def test_cameras_that_nobody_uses_are_forgotten(engine: sa.Engine) -> None:
         cameras.add(connection, ADDRESS)
         cameras.add(connection, "sim://studio")
         cameras.note(connection, cameras.id_of("sim://studio"), INFO)
+        first = cameras.add(connection, "sim://studio?lights=2")
+        assert cameras.take(connection, first, 60)  # a look that goes on
         cameras.forget_unused(connection)
         left = connection.execute(sa.select(database.cameras.c.address)).scalars().all()
-    assert sorted(left) == [OTHER, "sim://studio"]
+    assert sorted(left) == [OTHER, "sim://studio", "sim://studio?lights=2"]
