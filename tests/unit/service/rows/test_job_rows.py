@@ -246,6 +246,15 @@ def test_a_write_moves_a_job_only_from_where_it_may(
         assert after == before
 
 
+@pytest.mark.parametrize("state", State)
+def test_an_attempt_goes_on_while_it_runs_or_asks_its_operator(
+    state: State, engine: sa.Engine
+) -> None:
+    held = _in_state(engine, state)
+    with engine.connect() as connection:
+        assert jobs.must_stop(connection, held) == (state not in _BEGUN)
+
+
 def test_the_writes_go_every_way_of_the_table_and_no_other() -> None:
     gone = {way for _, moves in WRITES.values() for way in moves.items()}
     assert gone == {(state, later) for state in State for later in NEXT[state]}

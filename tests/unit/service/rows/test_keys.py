@@ -99,6 +99,15 @@ def test_whether_there_is_a_key(connection: sa.Connection) -> None:
     assert (keys.any_made(connection), keys.any_usable(connection)) == (True, False)
 
 
+def test_a_key_has_ended_that_is_revoked_or_expired(connection: sa.Connection) -> None:
+    good, expired, revoked = (
+        keys.id_of(_make(connection, lifetime_seconds=seconds)) for seconds in (60, -1, 60)
+    )
+    keys.revoke(connection, revoked)
+    ended = [keys.has_ended(connection, one) for one in (good, expired, revoked, "", "unknown")]
+    assert ended == [False, True, True, False, False]
+
+
 def test_use_is_noted_to_the_hour(connection: sa.Connection) -> None:
     key = keys.find(connection, _make(connection))
     assert key is not None

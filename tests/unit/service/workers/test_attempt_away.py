@@ -87,6 +87,23 @@ def test_files_that_cannot_be_deleted_hold_no_worker_up(
         assert stored(context.engine, job_id).state == State.CANCELED
 
 
+def test_an_attempt_leaves_nothing_beside_the_one_that_took_it_over_and_succeeded(
+    context: Context,
+) -> None:
+    job_id = stored_job(context)
+    frozen = _attempt(context, job_id)
+    with context.engine.begin() as connection:
+        other = jobs.claim(connection, job_id, "another worker")
+        assert other is not None and jobs.succeed(connection, other, [])
+    context.storage.put(results_key(job_id, 1, "a.png"), b"half")
+    context.storage.put(results_key(job_id, 2, "a.png"), b"whole")
+    assert not frozen.fail({"detail": "too late"})
+    frozen.give_up()
+    left = [context.storage.list(results_key(job_id, attempt)) for attempt in (1, 2)]
+    assert left == [[], [results_key(job_id, 2, "a.png")]]
+    assert stored(context.engine, job_id).state == State.SUCCEEDED
+
+
 def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
     context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:

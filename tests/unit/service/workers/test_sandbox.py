@@ -258,6 +258,13 @@ def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then:
         sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
 
 
+def test_files_count_that_a_process_writes_once_its_output_is_closed(tmp_path: Path) -> None:
+    task = Task("separate", "7", "trace", str(tmp_path), LIMITS, {})
+    code = "import time; os.close(1); time.sleep(0.5)" + _FILES.format(count=3, then="")
+    with contextlib.closing(fork_server(code)) as server, pytest.raises(OutputLimitError):
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+
+
 def test_files_may_take_up_all_of_the_limit_and_folders_none(tmp_path: Path) -> None:
     task = Task("separate", "7", "trace", str(tmp_path), replace(LIMITS, output_bytes=400_000), {})
     then = 'os.mkdir(os.path.join(task["directory"], "results"))'
