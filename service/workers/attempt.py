@@ -444,9 +444,9 @@ class Attempt:
         """
         with self._engine.begin() as connection:
             canceled = jobs.acknowledge_cancel(connection, self._job, self._keep_seconds)
-            if lost and not canceled:
+            if lost:  # either puts back what has not ended
                 jobs.lose(connection, self._job)
-            elif not canceled:
+            else:
                 jobs.release(connection, self._job)
             row = jobs.find(connection, self._job.id)
         if canceled:

@@ -23,6 +23,7 @@ from tests.unit.service.asking import (
     owner_of,
     post_capture,
     problem_of,
+    stored,
     stored_job,
 )
 from tests.unit.service.streams import events
@@ -272,6 +273,23 @@ def test_a_key_sees_only_its_own_jobs(http: httpx.Client, context: Context, fini
         listed = http.get(path, headers=key).json()["jobs"]
         assert [one["id"] for one in listed] == [one["id"] for one in found]
     assert http.get(f"{here}/results/lamp1.jpg", headers=ours).content == b"light"
+
+
+def test_a_key_changes_nothing_of_anothers_job_that_goes_on(
+    http: httpx.Client, context: Context
+) -> None:
+    ours, theirs = (bearing(context, "submit", "read", "capture") for _ in range(2))
+    job = post_capture(http, **ours)
+    here, before = job["links"]["self"], stored(context.engine, job["id"])
+    for method, path in (
+        ("POST", f"{here}/cancel"),
+        ("POST", f"{here}/confirm"),
+        ("POST", f"{here}/rerun"),
+        ("GET", f"{here}/events"),
+        ("DELETE", here),
+    ):
+        assert http.request(method, path, headers=theirs).status_code == 404
+    assert stored(context.engine, job["id"]) == before
 
 
 def test_an_idempotency_key_is_each_keys_own(http: httpx.Client, context: Context) -> None:

@@ -43,3 +43,25 @@ def test_what_came_of_a_telling_is_never_taken_back(
 def test_nothing_is_written_of_a_job_that_is_gone(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         assert not deliveries.write(connection, "gone", _delivery("pending", 0))
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({}, True),
+        ({"expires": 9e9}, True),
+        ({"expires": 50.0}, False),  # it was deleted before it ended
+        ({"state": "expired", "expires": 60.0}, False),
+        ({"finished": None}, False),
+        ({"delivery": _delivery("pending", 0)}, False),
+        ({"webhook": None}, False),
+    ],
+)
+def test_a_webhook_is_told_of_an_end_that_nobody_has_deleted(
+    values: dict[str, Any], told: bool, engine: sa.Engine
+) -> None:
+    row = {"id": "a", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    ended = {"state": "failed", "finished": 50.0, "webhook": {"url": "u"}}
+    with engine.begin() as connection:
+        jobs.add(connection, row | ended | values)
+        assert deliveries.news(connection, 10) == (["a"] if told else [])

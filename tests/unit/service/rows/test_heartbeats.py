@@ -5,6 +5,13 @@ import sqlalchemy as sa
 from service.rows import database, heartbeats
 
 
+def test_workers_live_on_the_host_that_their_id_begins_with(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        heartbeats.beat(connection, "studio-b-123-0a1b2c3d")
+        hosts = ("studio-b", "studio", "studio-b-123")
+        assert [heartbeats.live_on(connection, host) for host in hosts] == [True, False, False]
+
+
 def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         heartbeats.beat(connection, "w1")
