@@ -90,6 +90,17 @@ def test_both_connections_are_greeted() -> None:
     assert second == struct.pack("<III", 12, 3, 7)
 
 
+def test_nothing_is_asked_of_a_closed_camera() -> None:
+    transport, peer = meeting(b"")
+    transport.close()
+    transport.close()
+    with pytest.raises(CameraDisconnectedError, match="connection to the camera broke"):
+        transport.receive()
+    with pytest.raises(CameraDisconnectedError, match="connection to the camera broke"):
+        transport.receive_event(0)
+    peer.close()
+
+
 def test_operations_and_their_data_are_written_as_packets() -> None:
     transport, peer = meeting(b"")
     greeting = len(peer.told(0))
