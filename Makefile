@@ -71,14 +71,15 @@ clean:  ## Remove what setup, demo and the tools made; jobs in .lightlayers stay
 	rm -rf .venv build demo *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(INSTALLED): requirements-dev.lock pyproject.toml
+$(INSTALLED): requirements-build.lock requirements-dev.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("lightlayers needs \
 	Python 3.11 or newer, and $(PYTHON) is %d.%d: install a newer one and name it, as in \
 	make PYTHON=python3.12 setup" % sys.version_info[:2])'
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || .ci/apt-install python3-venv
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements-dev.lock
-	$(BIN)/python -m pip install --disable-pip-version-check --no-deps -e .
+	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes \
+		-r requirements-build.lock -r requirements-dev.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-build-isolation --no-deps -e .
 	@touch $@
 
 # code belongs to one version of pipeline/, and is compiled anew when a file of it changes
