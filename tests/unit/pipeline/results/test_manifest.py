@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.colour.temperature import cct_duv
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Exposure, Frame
 from pipeline.lamps.model import Model
@@ -209,6 +210,9 @@ def test_lamps_are_told_by_colour_and_temperature(
         assert entry["cct_k"] == pytest.approx(kelvin, rel=0.1)
         assert isinstance(entry["cct_k"], int)
         assert abs(entry["duv"]) < 0.015
+        found = cct_duv(model.lamp_matrix(vector) @ model.flash_white, model.camera_to_xyz)
+        assert found is not None
+        assert entry["duv"] == round(found[1], 4) != 0
         assert max(entry["rgb"]) == 1
         np.testing.assert_allclose(entry["coefficients"], vector, atol=1e-6)
         rgb = np.array(entry["rgb"]) / np.linalg.norm(entry["rgb"])

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,27 +14,18 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
-from pipeline.estimate import Estimate
-from pipeline.lamps.model import Model, build_model
+from pipeline.lamps.model import build_model
 from pipeline.output_names import OUTPUT_NAMES
-from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.progress import Progress
 from pipeline.results import outputs
-from pipeline.results.outputs import Outputs
 from pipeline.results.pictures import Pictures
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 from tests.layers import planes_of
-from tests.surfaces import wall
 
 Array = NDArray[np.float64]
-ENTRIES: list[dict[str, Any]] = [
-    {"name": "lamp1", "cct_k": 2850, "family": "incandescent", "family_confidence": 0.934},
-    {"name": "lamp2", "cct_k": None, "family": "RGB LED", "family_confidence": 0.4},
-]
 
 
 def shown(path: Path) -> NDArray[np.uint8]:
@@ -45,83 +36,6 @@ def shown(path: Path) -> NDArray[np.uint8]:
 
 SIZE = (40, 64)
 HALF = 2**-11  # relative rounding of a half float
-
-
-@pytest.fixture
-def pictures() -> Pictures:
-    """Pictures of 40 × 64 pixels: two layers, everything else as well."""
-    rng = np.random.default_rng(3)
-    layers, balanced = (rng.uniform(0, 0.4, (2, *SIZE, 3)).astype(np.float32) for _ in range(2))
-    normals = np.zeros((*SIZE, 3), np.float32)
-    normals[..., 2] = 1
-    normals[:5] = np.nan
-    return Pictures(
-        rows=slice(0, SIZE[0]),
-        layers=layers,
-        white_balanced_1=balanced[0],
-        white_balanced_2=balanced[1],
-        normals=normals,
-        normals_confidence=np.full(SIZE, 0.5, np.float32),
-        response=None,
-        confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(SIZE),
-    )
-
-
-@pytest.fixture
-def facing() -> Facing:
-    """A wall, at depth 1.25, known below the fifth row."""
-    return wall(np.arange(SIZE[0])[:, None] >= np.full(SIZE, 5), 1.25, 2)
-
-
-@pytest.fixture
-def reduced(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> ReducedPair:
-    """A reduced pair of 96 × 64 pixels with two lamps."""
-    return reduce_pair(exact(warm_to_cool[[0, 2]])[0])
-
-
-@pytest.fixture
-def written(
-    pictures: Pictures,
-    facing: Facing,
-    reduced: ReducedPair,
-    model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
-    tmp_path: Path,
-) -> Callable[..., list[dict[str, Any]]]:
-    """Write outputs into a folder, 16 rows at a time; returns what is said of them."""
-
-    def run(*wanted: str, **more: Any) -> list[dict[str, Any]]:
-        given = more.get("given", pictures)
-        estimate = Estimate(
-            reduced,
-            more.get("by", model),
-            lamps_of(warm_to_cool[[0, 2]]),
-            more.get("facing", facing),
-            more.get("changes"),
-        )
-        with Outputs(
-            more.get("photograph", given.layers.sum(axis=0)),
-            given,
-            estimate,
-            frozenset(wanted),
-            tmp_path,
-            more.get("convention", "gl"),
-        ) as opened:
-            for top in range(0, SIZE[0], 16):
-                opened.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
-            return opened.finish(ENTRIES, more.get("progress", Progress()))
-
-    return run
-
-
-def some_rows(pictures: Pictures, rows: slice) -> Pictures:
-    cut: Any = {
-        field.name: None if (whole := getattr(pictures, field.name)) is None else whole[rows]
-        for field in fields(pictures)
-        if field.name not in ("rows", "layers")
-    }
-    return Pictures(rows=rows, layers=pictures.layers[:, rows], **cut)
 
 
 @pytest.mark.parametrize(
@@ -226,25 +140,6 @@ def test_white_balanced_pictures_are_written_as_half_floats(
         np.testing.assert_array_equal(found, np.asarray(picture, np.float16))
 
 
-def test_a_neutral_picture_is_grey_in_16_bits(
-    written: Callable[..., list[dict[str, Any]]],
-    pictures: Pictures,
-    model: Model,
-    tmp_path: Path,
-) -> None:
-    """A white card under daylight, which is the white of Rec. 2020."""
-    white = 0.5 * model.flash_to_neutral @ model.flash_white
-    card = np.broadcast_to(white, (40, 64, 3)).astype(np.float32)
-    neutral = replace(pictures, white_balanced_1=card, white_balanced_2=0.5 * card)
-
-    written("white_balanced_1.tif", "white_balanced_2.tif", given=neutral)
-
-    first, second = (tifffile.imread(tmp_path / f"white_balanced_{i}.tif") for i in (1, 2))
-    assert first.dtype == np.uint16
-    assert first.max() < 1.01 * first.min()
-    np.testing.assert_allclose(second, first / 2, atol=1)
-
-
 def test_layers_are_written_as_half_floats_with_their_sum(
     written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
 ) -> None:
@@ -273,71 +168,33 @@ def test_unknown_normals_are_kept_apart(
         assert (plane[5:] == known).all()
 
 
-def test_lamps_are_written_in_rec_2020_on_one_scale(
-    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, model: Model, tmp_path: Path
-) -> None:
-    """One factor for all layers, so that they still add up, and none for what already fits."""
-    written("lamps.tif")
-
-    for i in (0, 1):
-        codes = tifffile.imread(tmp_path / f"lamp{i + 1}.tif").astype(np.float64) / 65535
-        true = pictures.layers[i] @ (XYZ_TO_REC2020 @ model.camera_to_xyz).T
-        fits = (true > 0.05).all(axis=2)
-        assert fits.sum() > 100
-        ratio = codes[fits] / true[fits]
-        assert np.ptp(ratio) < 0.01
-        assert ratio.max() < 1.01
-        assert ratio.min() > 0.2
-
-
-@pytest.mark.parametrize("lamp", ["A", "HP1", "D65"])
-def test_a_white_card_that_the_sensor_holds_is_not_cut_off(
-    written: Callable[..., list[dict[str, Any]]],
-    pictures: Pictures,
-    model: Model,
-    tmp_path: Path,
-    lamp: str,
-) -> None:
-    """Under a warm lamp red alone is full, and becomes 1.05 times what the sensor's white does."""
-    card = model.camera.sensitivities @ find_light(lamp)
-    ramp = np.linspace(0.9, 1.0, SIZE[1])[None, :, None] * card / card.max()
-    layer = np.broadcast_to(ramp, (*SIZE, 3)).astype(np.float32)
-
-    written("lamps.tif", given=replace(pictures, layers=np.stack([layer, 0 * layer])))
-
-    red = tifffile.imread(tmp_path / "lamp1.tif")[0, :, 0].astype(np.float64)
-    np.testing.assert_allclose(red / red[-1], np.linspace(0.9, 1.0, SIZE[1]), atol=1e-4)
-
-
-@pytest.mark.parametrize("light", [1e-3, 1.0, 20.0])
-def test_shown_pictures_are_neither_black_nor_white(
-    written: Callable[..., list[dict[str, Any]]],
-    pictures: Pictures,
-    tmp_path: Path,
-    light: float,
-) -> None:
-    """Dark ones are lifted by a factor of eight at most, bright ones lowered as far as it takes."""
-    written("lamps.jpg", given=replace(pictures, layers=pictures.layers * np.float32(light)))
-
-    mean = shown(tmp_path / "lamp1.jpg").mean()
-    low, high = {1e-3: (1, 40), 1.0: (60, 200), 20.0: (60, 200)}[light]
-    assert low < mean < high
-
-
-def test_layers_are_shown_on_the_scale_of_the_photograph(
+def test_a_preview_has_the_layers_and_their_confidence(
     written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
 ) -> None:
-    """A faint layer stays fainter than a strong one."""
-    faint = pictures.layers * np.array([0.05, 1], np.float32)[:, None, None, None]
+    written("preview.exr")
 
-    written(
-        "lamps.jpg",
-        given=replace(pictures, layers=faint),
-        photograph=pictures.layers.sum(axis=0),
+    channels = planes_of((tmp_path / "preview.exr").read_bytes())
+    assert set(channels) == {"Y", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
+    np.testing.assert_array_equal(channels["Y"], pictures.confidence.astype(np.float16))
+    np.testing.assert_array_equal(
+        channels["lamp2.G"], pictures.layers[1, ..., 1].astype(np.float16)
     )
 
-    means = [shown(tmp_path / f"lamp{i}.jpg").mean() for i in (1, 2)]
-    assert means[0] < 0.6 * means[1]
+
+def test_lamps_are_named_in_the_diagram_by_family_and_temperature(
+    written: Callable[..., list[dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[list[str]] = []
+
+    def draw(*given: Any) -> NDArray[np.uint8]:
+        drawn.append(given[-1])
+        return np.zeros((1, 1, 3), np.uint8)
+
+    monkeypatch.setattr(outputs, "draw_gamma_diagram", draw)
+
+    written("gamma.png")
+
+    assert drawn == [["lamp1, incandescent 93%, 2850 K", "lamp2, RGB LED 40%"]]
 
 
 def test_black_pictures_are_written_black(
@@ -371,6 +228,15 @@ def test_confidence_is_written_as_16_bit_grey(
     assert pictures.confidence is not None
     np.testing.assert_allclose(codes / 65535, pictures.confidence, atol=1 / 65535)
     assert (codes[0, 0], codes[-1, -1]) == (0, 65535)
+
+
+def test_the_confidence_of_normals_is_their_own(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    written("normals_confidence.tif")
+
+    codes = tifffile.imread(tmp_path / "normals_confidence.tif")
+    np.testing.assert_array_equal(codes, np.full(SIZE, 32768))
 
 
 CHANGES = np.array([np.diag([2.0, 1.0, 0.5]), [[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]])
