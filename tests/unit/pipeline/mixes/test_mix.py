@@ -203,6 +203,11 @@ def test_settings_out_of_their_ranges_are_refused(settings: dict[str, Any]) -> N
         LampMix(**settings)
 
 
+def test_the_lights_of_the_basis_are_as_bright_as_each_other(basis: MixBasis) -> None:
+    """Else the brightness of a lamp would not be kept where its colour is adapted."""
+    assert [basis.neutral[1], *(lamp.white[1] for lamp in basis.lamps)] == [1.0, 1.0, 1.0]
+
+
 def test_the_basis_is_the_same_through_json(basis: MixBasis) -> None:
     assert MixBasis.model_validate_json(basis.model_dump_json()) == basis
     assert white_of(6504, 0.003) == pytest.approx(basis.neutral, abs=0.01)

@@ -52,6 +52,7 @@ def test_an_exr_holds_the_sum(folder: Path, wanted: NDArray[np.float32]) -> None
 
     channels = OpenEXR.File(str(folder / "mix.exr"), separate_channels=True).channels()
     found = np.stack([channels[letter].pixels for letter in "RGB"], -1)
+    assert found.dtype == np.float16
     np.testing.assert_allclose(found, wanted, rtol=2**-11, atol=1e-6)
 
 
