@@ -7,6 +7,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from pipeline.encode import scan_lines
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.scan_lines import ScanLines
 from pipeline.errors import InputError
@@ -25,7 +26,8 @@ def half(request: pytest.FixtureRequest) -> bool:
 
 @pytest.fixture
 def layers(tmp_path: Path, half: bool) -> tuple[Path, np.ndarray]:
-    pictures = np.random.default_rng(1).random((2, 31, 47, 3), dtype=np.float32)
+    random = np.random.default_rng(1)
+    pictures = random.uniform(-0.1, 1, (2, 31, 47, 3)).astype(np.float32)
     path = tmp_path / "layers.exr"
     file = ExrFile(path, (47, 31), half)
     file.write({"lamp1": pictures[0], "lamp2": pictures[1], "RGB": pictures.sum(0)})
@@ -44,6 +46,18 @@ def test_an_area_is_that_of_the_layers(
     found = lines.area(NAMES, *area).reshape(2, 3, height, width)
     part = pictures[:, top : top + height, left : left + width]
     np.testing.assert_array_equal(found, np.moveaxis(part, -1, 1).astype(np.float16))
+
+
+@pytest.mark.parametrize("at_once", [1, 5000])
+def test_an_area_is_the_same_in_pieces(
+    layers: tuple[Path, np.ndarray], monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    lines = ScanLines(reader(layers[0].read_bytes()))
+    whole = lines.area(NAMES, 5, 7, 11, 13)
+
+    monkeypatch.setattr(scan_lines, "_AT_ONCE", at_once)
+
+    np.testing.assert_array_equal(lines.area(NAMES, 5, 7, 11, 13), whole)
 
 
 def test_only_the_lines_of_an_area_are_read(layers: tuple[Path, np.ndarray], half: bool) -> None:

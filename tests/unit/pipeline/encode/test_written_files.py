@@ -223,7 +223,11 @@ def test_exr_takes_pictures_as_they_lie(tmp_path: Path, picture: Picture) -> Non
 
     with OpenEXR.File(str(path), separate_channels=True) as file:
         read = {name: channel.pixels for name, channel in file.channels().items()}
-        assert file.header()["compression"] == OpenEXR.NO_COMPRESSION
+        head = dict(file.header())
+    assert head["compression"] == OpenEXR.NO_COMPRESSION
+    assert head["pixelAspectRatio"] == 1.0
+    for window in ("dataWindow", "displayWindow"):
+        np.testing.assert_array_equal(head[window], [[0, 0], [19, 299]])
     expected = {name: picture[..., k] for k, name in enumerate("RGB")} | {"Z": picture[..., 1]}
     expected |= {f"lamp1.{name}": turned[..., k] for k, name in enumerate("RGB")}
     assert set(read) == set(expected)
