@@ -11,9 +11,22 @@ import pytest
 from numpy.typing import NDArray
 from PIL import ImageCms
 
-from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+from pipeline.colour.icc import (
+    adobe_rgb_profile,
+    linear_rec2020_profile,
+    matrix_profile,
+    srgb_profile,
+)
+from pipeline.colour.spaces import (
+    ADOBE_RGB_PRIMARIES,
+    D65_XY,
+    REC2020_PRIMARIES,
+    SRGB_PRIMARIES,
+    Primaries,
+)
 
 REFERENCE_SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+EQUAL_XY = (1 / 3, 1 / 3)
 
 
 def colorants(profile: Any) -> NDArray[np.float64]:
@@ -40,17 +53,29 @@ def test_srgb_is_what_little_cms_calls_srgb() -> None:
     assert np.abs(through.astype(int) - codes).max() <= 1
 
 
-def test_rec2020_has_the_primaries_of_the_standard() -> None:
-    """The xy of the colorants, adapted back from D50 to D65, are those of Rec. 2020."""
-    profile = ImageCms.ImageCmsProfile(io.BytesIO(linear_rec2020_profile())).profile
-    assert profile.chromatic_adaptation is not None
-    adapt = np.array(profile.chromatic_adaptation[0])
+@pytest.mark.parametrize(
+    ("profile", "white", "primaries"),
+    [
+        (linear_rec2020_profile(), D65_XY, REC2020_PRIMARIES),
+        (adobe_rgb_profile(), D65_XY, ADOBE_RGB_PRIMARIES),
+        (matrix_profile("E", SRGB_PRIMARIES, "srgb", EQUAL_XY), EQUAL_XY, SRGB_PRIMARIES),
+    ],
+)
+def test_profiles_have_the_primaries_and_the_white_they_are_of(
+    profile: bytes, white: tuple[float, float], primaries: Primaries
+) -> None:
+    """The xy of the colorants and of their sum, adapted back from D50."""
+    found = ImageCms.ImageCmsProfile(io.BytesIO(profile)).profile
+    assert found.chromatic_adaptation is not None
+    xyz = np.linalg.solve(np.array(found.chromatic_adaptation[0]), colorants(found).T).T
 
-    for colorant, xy in zip(
-        colorants(profile), [(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)], strict=True
-    ):
-        xyz = np.linalg.solve(adapt, colorant)
-        np.testing.assert_allclose(xyz[:2] / xyz.sum(), xy, atol=5e-4)
+    for one, xy in zip([*xyz, xyz.sum(axis=0)], [*primaries, white], strict=True):
+        np.testing.assert_allclose(one[:2] / one.sum(), xy, atol=5e-4)
+
+
+def test_the_curve_of_adobe_rgb_is_its_power() -> None:
+    """Adobe RGB (1998), 4.3.4.2: 2 + 51/256, as a profile holds it to the bit."""
+    assert b"curv" + bytes(4) + b"\0\0\0\1" + bytes((2, 51)) in adobe_rgb_profile()
 
 
 def test_white_is_exactly_the_connection_spaces() -> None:
