@@ -12,6 +12,7 @@ import pytest
 from pipeline.calibration import calibrate as module
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
+from pipeline.calibration.marks import disc
 from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
@@ -20,6 +21,7 @@ from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.options import Circle, DirectedLight
 from pipeline.progress import Progress
 from pipeline.spectra.cameras import Camera
+from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
@@ -81,6 +83,25 @@ def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
     seen, true = S @ spectrum, S @ LED
     assert found["patches"] == 1
     assert seen / seen[1] == pytest.approx(true / true[1], rel=0.01)
+
+
+def test_a_flash_is_as_strong_as_its_light_on_white(chart: Shot, tmp_path: Path) -> None:
+    """By a grey card, which gives back 0.18 of it, or by the chart's white patch."""
+    card = {"x": 14.0, "y": 120.0, "radius": 12.0}
+    green = (chart.frames[1] - chart.frames[0])[..., 1]
+    x, y = np.round(CORNERS[3]).astype(int)
+    luminosity = cie_1931()[1] / cie_1931()[1].sum()
+    white = float(colorchecker_spectra()[18] @ luminosity)
+
+    by_card = _run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    by_chart = _run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")["found"]
+
+    seen = green[disc(green.shape, Circle(**card), "card")].mean()
+    assert by_card["strength"] == pytest.approx(seen / 0.18, rel=1e-3)
+    assert by_card["card"] == card
+    seen = green[y - 2 : y + 2, x - 2 : x + 2].mean()
+    assert by_chart["strength"] == pytest.approx(seen / white, rel=0.02)
+    assert by_chart["chart"] == [pytest.approx(corner, abs=0.006) for corner in CORNERS]
 
 
 def test_the_manifest_tells_the_photographs_and_what_was_assumed(
