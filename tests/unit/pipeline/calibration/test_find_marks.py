@@ -4,10 +4,12 @@ import io
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.calibration import find_marks as module
 from pipeline.calibration.chart import read_chart
 from pipeline.calibration.find_marks import draw_marks, find_chart, find_sphere
 from pipeline.errors import MarkError, UnusablePairError
@@ -64,3 +66,43 @@ def test_marks_are_drawn_where_they_are(pair: Callable[..., Pair]) -> None:
     away = np.hypot(x - 300, y - 200)
     assert changed[200, 380] or changed[200, 379]
     assert ((away < 15) | (np.abs(away - 80) < 10)).all()
+
+
+@pytest.fixture
+def reduced(pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch) -> Pair:
+    """A black pair of 600 × 400 pixels, of which the picture with the marks shows each second."""
+    monkeypatch.setattr(module, "_LONG_SIDE", 300)
+    black = np.zeros((400, 600, 3))
+    return pair_of(Shot((black, black), (b"", b"")))
+
+
+def test_a_circle_lies_where_it_is_in_a_picture_made_smaller(reduced: Pair) -> None:
+    drawn = draw_marks(reduced, None, Circle(x=400, y=200, radius=120))
+    marked = np.asarray(Image.open(io.BytesIO(drawn)), int)
+    assert marked.shape == (200, 300, 3)
+    y, x = np.nonzero(marked.sum(axis=2) > 120)
+    away = np.hypot(x - 200, y - 100)
+    assert ((away < 9) | (np.abs(away - 60) < 4)).all()
+    ring = np.abs(away - 60) < 4
+    assert (x[ring].min(), x[ring].max()) == (pytest.approx(140, abs=2), pytest.approx(260, abs=2))
+
+
+def test_a_chart_is_outlined_and_its_corners_are_named_in_a_picture_made_smaller(
+    reduced: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = ((100.0, 60.0), (500.0, 80.0), (480.0, 340.0), (120.0, 320.0))
+    named: dict[str, tuple[int, int]] = {}
+    monkeypatch.setattr(cv2, "putText", lambda _, name, where, *__: named.update({name: where}))
+    drawn = draw_marks(reduced, corners, None)
+    lit = np.asarray(Image.open(io.BytesIO(drawn)), int).sum(axis=2) > 120
+    for (left, top), (right, bottom) in zip(corners, corners[1:] + corners[:1], strict=True):
+        x, y = round((left + right) / 4), round((top + bottom) / 4)
+        assert lit[y - 1 : y + 2, x - 1 : x + 2].any()
+    columns = np.flatnonzero(lit.any(axis=0))
+    assert (columns[0], columns[-1]) == (pytest.approx(47, abs=2), pytest.approx(253, abs=2))
+    assert named == {
+        "dark skin": (55, 30),
+        "bluish green": (255, 40),
+        "black": (245, 170),
+        "white": (65, 160),
+    }
