@@ -7,8 +7,9 @@ import re
 from typing import Any
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
+from tests.chromium import find_chromium
 from tests.integration.service.page.looking import CAMERA, check_access, drawn, open_mixer, result
 
 
@@ -77,3 +78,31 @@ def test_folds_are_large_enough_for_fingers(phone: Page) -> None:
     fold = phone.get_by_text("Settings", exact=True)
     box = fold.bounding_box()
     assert box is not None and box["height"] >= 24
+
+
+def test_text_is_as_large_as_the_browser_is_told_and_fits_a_phone(
+    browser: Browser, done: dict[str, Any], service: Any
+) -> None:
+    """Twice as large: who needs that has set it in the browser, and not on each page."""
+    arguments = ["--no-sandbox", "--blink-settings=defaultFontSize=32"]
+    large = browser.browser_type.launch(executable_path=find_chromium(), args=arguments)
+    page = large.new_page(base_url=service.url, viewport={"width": 360, "height": 740})
+    open_mixer(page, done)
+    for summary in page.locator("summary").all():
+        summary.evaluate("(element) => (element.parentElement.open = true)")
+    button = page.get_by_role("button", name="Reset", exact=True)
+    for text in (page.locator(".who strong").first, button):
+        assert text.evaluate("(element) => getComputedStyle(element).fontSize") == "30px"
+    lamp = page.get_by_role("group", name="Lamp 2")
+    assert inside(lamp.get_by_role("button", name="Solo"), lamp)
+    assert inside(lamp.get_by_role("slider", name="Exposure"), lamp)
+    width = "document.documentElement.scrollWidth"
+    assert page.evaluate(width) == 360
+    page.get_by_role("link", name="Jobs").click()
+    card = page.locator(".jobs li").first
+    assert inside(card.locator("strong"), card)
+    assert page.evaluate(width) == 360
+    page.get_by_role("link", name="New").click()
+    expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
+    assert page.evaluate(width) == 360
+    large.close()
