@@ -9,7 +9,14 @@ from tests.evaluation.capture import Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
 from tests.evaluation.shots import Shot
-from tests.evaluation.spectra import axes, coefficients, flash_spectrum, sensitivities
+from tests.evaluation.spectra import (
+    CAMERAS,
+    axes,
+    coefficients,
+    flash_spectrum,
+    sensitivities,
+    table,
+)
 
 _SENSOR = Sensor()
 
@@ -20,7 +27,8 @@ class Condition:
 
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
-    camera, flash: names to be told, None for the right ones; nothing is told with a JPEG, whose
+    camera, flash: names to be told, None for the right ones, by its table where the product does
+    not know the camera by name; nothing is told with a JPEG, whose
     colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
     the number of lamps is told, or a wrong one.
     flash_strength: of all lamps together. exposure_ratio: to be told; the true one is 1.
@@ -52,7 +60,8 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         "exposure_ratio": condition.exposure_ratio,
     }
     if condition.camera_told and condition.files != "jpeg":
-        options["camera"] = condition.camera or scene.camera
+        known = scene.camera if scene.camera in CAMERAS else table(scene.camera)
+        options["camera"] = condition.camera or known
     seen = coefficients(scene.lamp_spectra, scene.camera)
     return Shot(
         files=(taken.no_flash, taken.flash),

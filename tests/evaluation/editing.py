@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.options import Options, Sensitivities
+from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.folder import folder_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
@@ -36,7 +35,7 @@ from tests.evaluation.environment import settle
 from tests.evaluation.scenes import SIZE, Scene, render_response, scenes
 from tests.evaluation.scoring import joint_snr
 from tests.evaluation.shots import Shot
-from tests.evaluation.spectra import CAMERAS, Split, sensitivities
+from tests.evaluation.spectra import CAMERAS, Split, sensitivities, table
 from tests.evaluation.tables import markdown
 from tests.layers import layers_of, planes_of
 
@@ -114,7 +113,7 @@ def measure(scene: Scene, taken: str, shown: str, size: tuple[int, int] = SIZE) 
     """Run all methods on a scene, photographed by one camera and shown through another."""
     scene = replace(scene, camera=taken)
     shot = make_shot(scene, Condition(size=size))
-    shot = replace(shot, options={**shot.options, "camera": _table(taken)})
+    shot = replace(shot, options={**shot.options, "camera": table(taken)})
     truth = render_response(scene, shown, size)
     lit = truth.sum(axis=(0, 3))
     counts = shot.valid & (lit > _DARK * np.percentile(lit, _WHITE))
@@ -175,7 +174,7 @@ def _product(shot: Shot, method: str, shown: str) -> tuple[Layers, Layers]:
             **shot.options,
             "lights": shot.lights,
             "method": method,
-            "response": _table(shown),
+            "response": table(shown),
             "outputs": ["layers.exr", "response.exr"],
         }
     )
@@ -187,12 +186,6 @@ def _product(shot: Shot, method: str, shown: str) -> tuple[Layers, Layers]:
             for file in ("layers.exr", "response.exr")
         )
     return taken, edited
-
-
-def _table(camera: str) -> Sensitivities:
-    """A camera's table, so that its name cannot mean another measurement."""
-    r, g, b = sensitivities(camera).tolist()
-    return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
 def _exposed_alike(taken: str, shown: str) -> Array:

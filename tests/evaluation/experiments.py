@@ -21,6 +21,7 @@ ALL = (
 )
 FEW = ("equal", "paper", "paper_shared", "best", "best_3x3")
 OURS = ("best",)
+OF_CAMERAS = ("equal", "paper", "best", "known", "best_3x3")
 WHITE = tuple(BALANCES)
 WHITE_OF_MORE = tuple(name for name in BALANCES if name != "hsu_2008")
 
@@ -72,6 +73,15 @@ EXPERIMENTS: dict[str, Experiment] = {
     "three-untold-camera": Experiment("three", FEW, Condition(camera_told=False)),
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
+    **{
+        f"cameras-{lamps}{suffix}": Experiment(f"cameras-{lamps}", methods, condition)
+        for lamps in ("two", "three")
+        for suffix, methods, condition in (
+            ("", OF_CAMERAS, Condition()),
+            ("-untold", OURS, Condition(camera_told=False)),
+            ("-jpeg", ("best", "best_3x3"), Condition(files="jpeg")),
+        )
+    },
     **{
         f"{group}-auto": Experiment(group, OURS, _AUTO)
         for group in ("one", "two", "three", "four", "broad-two", "broad-three")

@@ -24,6 +24,7 @@ from tests.evaluation.render import VERSION
 from tests.evaluation.scenes import Scene, render_neutral
 from tests.evaluation.scoring import balance_score, coefficient_error_deg, joint_snr
 from tests.evaluation.shots import Shot
+from tests.evaluation.spectra import sensitivities
 from tests.evaluation.white_balance import BALANCES
 
 _EXACT_DB = 100.0
@@ -178,7 +179,7 @@ def _key(scene: Scene, condition: Condition, method: str) -> str:
         repr((scene.name, VERSION, scene.geometry, scene.strengths, method)).encode()
     )
     digest.update(repr((scene.camera, scene.flash, astuple(condition))).encode())
-    for array in (scene.palette, scene.lamp_spectra):
+    for array in (scene.palette, scene.lamp_spectra, sensitivities(scene.camera)):
         digest.update(np.ascontiguousarray(array).tobytes())
     unused = _ESTIMATOR if method in _WITHOUT_PRODUCT else ()
     digest.update(_sources(unused).encode())

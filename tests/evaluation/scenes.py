@@ -35,6 +35,17 @@ Array = NDArray[np.float64]
 SIZE = (256, 192)
 CAMERA, FLASH = "Nikon D5100", "xenon"
 
+OTHER_CAMERAS: dict[Split, tuple[str, ...]] = {
+    "development": (
+        "Canon EOS 5D Mark II",
+        "Fujifilm X-T3",
+        "Hasselblad L1D-20c",
+        "Sony ILCE-7M3",
+    ),
+    "report": ("Canon EOS 600D", "Fujifilm GFX 100", "Panasonic DC-GX9", "Sony ILCE-9"),
+}
+"""Cameras of other makers, not packaged (see spectra.sensitivities); the halves share none."""
+
 NEUTRAL = "D65"
 """The light that pictures are balanced for."""
 
@@ -50,6 +61,7 @@ _MUTED_WALL = 0.3
 _TRIES = 100_000
 _WIDEST_BARE_DEG = 40.0  # few measured lamps are further apart
 _SHADES = 8
+_ROOMS = 6  # that other cameras take
 
 
 @dataclass(frozen=True)
@@ -58,8 +70,7 @@ class Scene:
 
     name: its own in all groups. lamp_spectra: (N, W), each summing to 1. lamp_names: of the table,
     or how they were made. strengths: (N,) mean of each lamp's picture relative to the others'.
-    palette: (m, W) reflectances. angle_deg: least angle between two lamps' coefficient vectors,
-    0 with one lamp. camera, flash: names as in spectra.
+    palette: (m, W) reflectances. camera, flash: names as in spectra.
     """
 
     name: str
@@ -75,9 +86,12 @@ class Scene:
 
     @property
     def angle_deg(self) -> float:
-        """Least angle between two lamps' coefficient vectors, 0 with one lamp."""
+        """Least angle between two lamps' coefficient vectors, 0 with one lamp.
+
+        It is CAMERA's, by which lamps are chosen, whichever takes the picture.
+        """
         return min(
-            (angle_deg(a, b, self.camera) for a, b in combinations(self.lamp_spectra, 2)),
+            (angle_deg(a, b, CAMERA) for a, b in combinations(self.lamp_spectra, 2)),
             default=0.0,
         )
 
@@ -349,6 +363,21 @@ def _roughnesses(group: str, split: Split) -> list[Scene]:
     return out
 
 
+def _cameras(of: str) -> Callable[[str, Split], list[Scene]]:
+    """The first rooms of a group as they are, and as each of OTHER_CAMERAS takes them."""
+
+    def make(group: str, split: Split) -> list[Scene]:
+        rooms = scenes(of, split)[:_ROOMS]
+        taken = [
+            replace(room, name=f"{room.name}, {camera}", group=group, camera=camera)
+            for camera in OTHER_CAMERAS[split]
+            for room in rooms
+        ]
+        return [*rooms, *taken]
+
+    return make
+
+
 GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "one": _group(12, 1, 0.0),
     "two": _group(22, 2, 5.0),
@@ -366,7 +395,10 @@ GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "panels-three": _group(6, 3, 20.0, "panels"),
     "wall-two": _group(12, 2, 5.0, "wall"),
     "wall-three": _group(12, 3, 20.0, "wall"),
+    "cameras-two": _cameras("two"),
+    "cameras-three": _cameras("three"),
 }
 """Groups of scenes. two, three: figures 2, 3 and 9 of Hui et al. 2018; angle: 4; bounces: 15;
 roughness: 16; broad: lamps of broad spectra, as the source's own; led: the flash of a phone;
-panels: no lamp is alone anywhere; wall: lamps stand before a wall, in the picture."""
+panels: no lamp is alone anywhere; wall: lamps stand before a wall, in the picture; cameras: rooms
+of two and three by other cameras, too."""

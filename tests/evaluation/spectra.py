@@ -20,9 +20,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.options import Sensitivities
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.folder import folder_spectra
-from pipeline.spectra.grid import STEP_NM, on_grid
+from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
 from pipeline.vectors import unit
@@ -37,6 +38,7 @@ FLASHES = ("xenon", "led")
 _TWIN_COSINE = 0.999
 _BROAD_NM = 120.0
 _MEASURED = ("Commercial", "Experimental")
+_HANDED_OVER: dict[str, Array] = {}
 _REFLECTANCE_TABLES = ("Munsell1269.dat", "Opstelten1983_215.dat", "CRI2012_R210.dat")
 
 
@@ -80,15 +82,33 @@ def reflectances(split: Split) -> Array:
 def sensitivities(camera: str) -> Array:
     """Sensitivities (3, W) of a camera, the largest value 1, ratio of channels as measured.
 
-    camera: one of CAMERAS, or an AMPAS JSON in the folder that LIGHTLAYERS_SPECTRA names. Read here
-    anew, so that a slip in the pipeline's own reading shows.
+    camera: one of CAMERAS, one handed over, or an AMPAS JSON in the folder that LIGHTLAYERS_SPECTRA
+    names. Read here anew, so that a slip in the pipeline's own reading shows.
     """
+    if camera in _HANDED_OVER:
+        return _frozen(_HANDED_OVER[camera])
     if camera not in CAMERAS:
         return _ampas(folder_spectra()[camera][0])
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[CAMERAS[camera]]
     values = on_grid(table.wavelengths, table.values, "zero").T
     return _frozen(values / values.max())
+
+
+def at_hand(camera: str) -> bool:
+    """Whether sensitivities knows the camera."""
+    return camera in CAMERAS or camera in _HANDED_OVER or camera in folder_spectra()
+
+
+def hand_over(curves: dict[str, Array]) -> None:
+    """Tell sensitivities (3, W) by name, to a worker whose pipeline knows no folder of spectra."""
+    _HANDED_OVER.update(curves)
+
+
+def table(camera: str) -> Sensitivities:
+    """A camera's table, so that its name cannot mean another measurement."""
+    r, g, b = sensitivities(camera).tolist()
+    return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
 def _ampas(path: Path) -> Array:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from itertools import pairwise
 
+from tests.evaluation.experiments import EXPERIMENTS
 from tests.evaluation.figures import SURE, Outcome, confusion, right
 from tests.evaluation.goals import Failure, Goal
 from tests.evaluation.results import Result
-from tests.evaluation.scenes import Scene
+from tests.evaluation.scenes import CAMERA, Scene
 
 Rows = list[list[str]]
 """Cells, the first row the header."""
@@ -43,12 +44,36 @@ def compared(outcome: Outcome, experiments: Iterable[str], methods: tuple[str, .
     """A row per experiment, a column per method: "median / worst" SNR in dB."""
     rows = [["group", "scenes", *methods]]
     for name in experiments:
-        cells = []
-        for method in methods:
-            values = outcome.snr(name, method).values()
-            cells.append(f"{statistics.median(values):.1f} / {min(values):.1f}" if values else "–")
+        cells = [_median_worst(outcome.snr(name, method).values()) for method in methods]
         scenes = {result.scene for result in outcome.results[name]}
         rows.append([name, str(len(scenes)), *cells])
+    return rows
+
+
+def cameras(outcome: Outcome, lamps: str, failures: Iterable[Failure]) -> Rows:
+    """A row per camera that took rooms of "two" or "three" lamps, and one of all but CAMERA.
+
+    "median / worst" SNR in dB of every method, told the camera, untold, and from JPEG; and of how
+    many rooms one is among the failures.
+    """
+    told = f"cameras-{lamps}"
+    columns = [
+        (name, method, f"{method}{name.removeprefix(told).replace('-', ', ')}")
+        for name in (told, f"{told}-untold", f"{told}-jpeg")
+        for method in EXPERIMENTS[name].methods
+    ]
+    failed = {one.scene for one in failures if one.experiment.startswith(told)}
+    seen = {result.scene: outcome.scenes[result.scene].camera for result in outcome.results[told]}
+    rows = [["camera", "scenes", *(header for *_, header in columns), "failures"]]
+    others = [camera for camera in dict.fromkeys(seen.values()) if camera != CAMERA]
+    for label, taking in [*((one, [one]) for one in (CAMERA, *others)), ("the others", others)]:
+        own = {scene for scene, camera in seen.items() if camera in taking}
+        if own:
+            cells = [
+                _median_worst([v for s, v in outcome.snr(name, method).items() if s in own])
+                for name, method, _ in columns
+            ]
+            rows.append([label, str(len(own)), *cells, str(len(own & failed))])
     return rows
 
 
@@ -182,6 +207,10 @@ def markdown(rows: Rows) -> str:
     header, *body = ["| " + " | ".join(row) + " |" for row in rows]
     rule = "|" + "---|" * len(rows[0])
     return "\n".join([header, rule, *body])
+
+
+def _median_worst(values: Collection[float]) -> str:
+    return f"{statistics.median(values):.1f} / {min(values):.1f}" if values else "–"
 
 
 def _number(value: float | None) -> str:

@@ -17,7 +17,7 @@ from tests.evaluation.goals import Failure, failures, goals
 from tests.evaluation.methods import METHODS
 from tests.evaluation.report import write_report
 from tests.evaluation.results import Result
-from tests.evaluation.scenes import Scene, scenes
+from tests.evaluation.scenes import CAMERA, Scene, scenes
 from tests.evaluation.white_balance import BALANCES
 
 FIGURES = dict.fromkeys(METHODS, 10.0) | {
@@ -120,6 +120,61 @@ def test_equal_results_give_equal_files_that_hold_every_figure(tmp_path: Path) -
     assert "for three bases, not below -10 dB](images/evaluation_bases.png)" in text
     for name in [line.split("](")[1][:-1] for line in text.splitlines() if line[:2] == "!["]:
         assert (tmp_path / "a" / name).is_file()
+
+
+def test_rooms_by_other_cameras_are_a_row_each() -> None:
+    outcome = good()
+    canon = [r for r in outcome.results["cameras-two"] if "Canon" in r.scene and r.method == "best"]
+    for place, value in enumerate((20.0, 21.0, 16.0, 22.0, 23.0, 24.0)):
+        at = outcome.results["cameras-two"].index(canon[place])
+        outcome.results["cameras-two"][at] = replace(canon[place], snr_db=value)
+    dark = changed(outcome, "cameras-two-jpeg", 0, snr_db=0.0, refusal="Too dark.")
+
+    rows = tables.cameras(outcome, "two", failures(outcome))
+
+    assert rows[0] == [
+        "camera",
+        "scenes",
+        *("equal", "paper", "best", "known", "best_3x3"),
+        *("best, untold", "best, jpeg", "best_3x3, jpeg"),
+        "failures",
+    ]
+    assert dark == "two-report-00"
+    few = ["10.0 / 10.0", "17.0 / 17.0"]
+    rest = ["10.0 / 10.0", "27.0 / 27.0", "26.5 / 26.5", "26.5 / 26.5", "27.0 / 27.0"]
+    jpeg = [*rest[:3], "26.5 / 0.0", rest[4]]
+    assert rows[1] == ["Nikon D5100", "6", *few, "26.5 / 26.5", *jpeg, "1"]
+    assert rows[2] == ["Canon EOS 600D", "6", *few, "21.5 / 16.0", *rest, "1"]
+    assert [row[0] for row in rows[3:-1]] == ["Fujifilm GFX 100", "Panasonic DC-GX9", "Sony ILCE-9"]
+    assert rows[-1] == ["the others", "24", *few, "26.5 / 16.0", *rest, "1"]
+
+
+def test_cameras_that_are_not_at_hand_keep_what_the_report_has_of_them(tmp_path: Path) -> None:
+    whole, poor = good(), good()
+    refused = changed(whole, "cameras-three", 8, snr_db=0.0, found=0, refusal="Too dark.")
+    assert outcome_without_others(poor) == 48
+    write_report(poor, tmp_path)
+    assert "| Nikon D5100 | 6 |" in (tmp_path / "evaluation.md").read_text()
+    assert "| Sony ILCE-9 | 6 |" not in (tmp_path / "evaluation.md").read_text()
+    write_report(whole, tmp_path)
+    written = (tmp_path / "evaluation.json").read_bytes()
+
+    write_report(poor, tmp_path)
+
+    assert (tmp_path / "evaluation.json").read_bytes() == written
+    text = (tmp_path / "evaluation.md").read_text()
+    assert text.count("| Sony ILCE-9 | 6 |") == 2
+    assert f"| cameras-three | {refused} | refused: Too dark. |" in text
+
+
+def outcome_without_others(outcome: Outcome) -> int:
+    """Take what the D5100 did not photograph out of an outcome; returns how many scenes that is."""
+    gone = {name for name, scene in outcome.scenes.items() if scene.camera != CAMERA}
+    for name, results in outcome.results.items():
+        outcome.results[name] = [r for r in results if r.scene not in gone]
+    for name in gone:
+        del outcome.scenes[name]
+    return len(gone)
 
 
 def test_goals_are_met_by_good_results_and_missed_by_bad_ones() -> None:

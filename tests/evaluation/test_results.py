@@ -10,13 +10,14 @@ import pytest
 
 import pipeline
 from pipeline.errors import UnusablePairError
-from tests.evaluation import results
+from tests.evaluation import results, spectra
 from tests.evaluation.cache import folder
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.methods import METHODS, Answer
 from tests.evaluation.results import run_scene
 from tests.evaluation.scenes import Scene, scenes
 from tests.evaluation.shots import Shot
+from tests.evaluation.spectra import sensitivities
 
 SMALL = Condition(size=(64, 48))
 
@@ -208,6 +209,22 @@ def test_what_is_told_and_what_is_not() -> None:
         "led",
     )
     assert (wrong.truth == told.truth).all()
+
+
+def test_a_camera_that_the_product_does_not_know_is_told_by_its_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    curves = sensitivities("Sigma SD1 Merrill")[::-1]
+    monkeypatch.setitem(spectra._HANDED_OVER, "Sigma, turned round", curves)
+    one = replace(scene(), camera="Sigma, turned round")
+
+    told, untold = (make_shot(one, replace(SMALL, camera_told=t)) for t in (True, False))
+
+    np.testing.assert_array_equal(told.options["camera"].r, curves[0])
+    np.testing.assert_array_equal(told.options["camera"].b, curves[2])
+    assert "camera" not in untold.options
+    sigma = make_shot(replace(scene(), camera="Sigma SD1 Merrill"), SMALL)
+    np.testing.assert_allclose(told.truth, sigma.truth[..., ::-1], rtol=1e-5)
 
 
 def test_four_lamps_cannot_be_asked_for() -> None:

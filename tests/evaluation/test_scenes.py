@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.evaluation import cache, scenes
-from tests.evaluation.scenes import GROUPS, SWEEP_DEG, render_scene
+from tests.evaluation.scenes import GROUPS, OTHER_CAMERAS, SWEEP_DEG, render_scene
 from tests.evaluation.spectra import angle_deg
 
 SMALL = (64, 48)
@@ -32,6 +32,19 @@ def test_groups_have_the_scenes_of_the_figures() -> None:
         assert all(len(s.geometry.lamps) == count + 1 for s in report[group])
 
 
+def test_every_camera_takes_the_same_rooms() -> None:
+    assert not set(OTHER_CAMERAS["report"]) & set(OTHER_CAMERAS["development"])
+    for half in ("development", "report"):
+        assert len({camera.split()[0] for camera in OTHER_CAMERAS[half]}) == 4  # makers
+        for lamps in ("two", "three"):
+            rooms = scenes.scenes(lamps, half)[:6]
+            for camera in ("Nikon D5100", *OTHER_CAMERAS[half]):
+                taken = [s for s in scenes.scenes(f"cameras-{lamps}", half) if s.camera == camera]
+                assert [s.geometry for s in taken] == [room.geometry for room in rooms]
+                assert [s.lamp_names for s in taken] == [room.lamp_names for room in rooms]
+                assert [s.angle_deg for s in taken] == [room.angle_deg for room in rooms]
+
+
 def test_the_sweep_has_the_angles_it_says() -> None:
     for half in ("development", "report"):
         found = [s.angle_deg for s in scenes.scenes("angle", half)]
@@ -42,7 +55,8 @@ def test_halves_share_neither_geometry_nor_names() -> None:
     seen: list[set[str]] = []
     for half in ("development", "report"):
         own = [scene for group in GROUPS for scene in scenes.scenes(group, half)]
-        assert len({scene.name for scene in own}) == len(own)
+        rooms = 2 * 6  # of two and three lamps, which groups of cameras hold again
+        assert len({scene.name for scene in own}) == len(own) - rooms
         seen.append({repr(scene.geometry.shapes) for scene in own} | {s.name for s in own})
     assert not seen[0] & seen[1]
 
