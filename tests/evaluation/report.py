@@ -10,7 +10,7 @@ from typing import Any
 from tests.evaluation import tables
 from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW
 from tests.evaluation.figures import Outcome, angle, depth, four_or_more, roughness
-from tests.evaluation.goals import failures, goals
+from tests.evaluation.goals import Failure, failures, goals
 from tests.evaluation.kept import with_kept
 from tests.evaluation.plots import LOWEST_DB, draw_plots
 from tests.evaluation.results import Result
@@ -101,10 +101,7 @@ def _text(outcome: Outcome) -> str:
         tables.markdown(tables.compared(outcome, [*_SWEEPS, *compared], FEW)),
         "## Other cameras\n\nMedian / worst joint SNR in dB of the same rooms by every camera: "
         "told it, untold, and from its JPEG. Failures: of how many rooms one is listed below.",
-        "Two lamps:",
-        tables.markdown(tables.cameras(outcome, "two", short)),
-        "Three lamps:",
-        tables.markdown(tables.cameras(outcome, "three", short)),
+        *_cameras(outcome, short),
         "## Bases (figure 2)\n\nThe published method with each of its bases, on two lamps.",
         tables.markdown(tables.compared(outcome, ["two"], (*BASES, "paper"))),
         _picture(
@@ -142,6 +139,15 @@ def _text(outcome: Outcome) -> str:
         tables.markdown(tables.failure_rows(short)),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _cameras(outcome: Outcome, failures: list[Failure]) -> list[str]:
+    parts = []
+    for lamps in ("two", "three"):
+        rows = tables.cameras(outcome, lamps, failures)
+        if len(rows) > 2:  # there is another camera than the usual one
+            parts += [f"{lamps.capitalize()} lamps:", tables.markdown(rows)]
+    return parts
 
 
 def _picture(name: str, caption: str) -> str:
