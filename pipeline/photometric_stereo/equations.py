@@ -1,23 +1,26 @@
 """The equations of a Gauss–Newton step: sums of small ones, and their solution.
 
 Most unknowns hang together with their neighbours alone, so that their matrix is sparse, with
-entries whose places never change. The few that nearly all others hang on are a border about it,
-solved for by themselves: they would fill up the factors of the rest.
+entries whose places never change. Those that many others hang on are a border about it, solved for
+by themselves: they would fill up the factors of the rest.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse.linalg import LinearOperator, cg, splu
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
+_TOLERANCE = 1e-6  # of the slope, what a step may leave of it
 
 
 @dataclass(frozen=True)
@@ -89,10 +92,22 @@ class Equations:
         return np.asarray(self._factors.solve(self._right))
 
     def solution_with(self, border: Array, corner: Array, right: Array) -> tuple[Array, Array]:
-        """Step (size,), and that (k,) of k more unknowns that hang on all.
+        """Step (size,), and that (k,) of k more unknowns that many hang on.
 
-        border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill.
+        border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill. The outer
+        ones by conjugate gradients on the Schur complement, preconditioned by the corner
+        (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 9 and 14). Raises
+        numpy.linalg.LinAlgError where the corner is not positive definite.
         """
-        by_border, alone = self._factors.solve(border), self.solution()
-        outer = np.linalg.solve(corner - border.T @ by_border, right - border.T @ alone)
-        return alone - by_border @ outer, np.asarray(outer)
+        about, by_corner = sparse.csc_array(border), cho_factor(corner)
+
+        def complement(outer: Array) -> Array:
+            return np.asarray(corner @ outer - about.T @ self._factors.solve(about @ outer))
+
+        outer, _ = cg(
+            LinearOperator(corner.shape, complement, dtype=corner.dtype),
+            right - about.T @ self.solution(),
+            rtol=_TOLERANCE,
+            M=LinearOperator(corner.shape, partial(cho_solve, by_corner), dtype=corner.dtype),
+        )
+        return np.asarray(self._factors.solve(self._right - about @ outer)), np.asarray(outer)

@@ -45,9 +45,10 @@ def test_the_solution_is_that_of_least_squares() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def test_a_border_is_solved_for_together_with_the_rest() -> None:
+@pytest.mark.parametrize("scale", [0.001, 1.0, 1000.0])
+def test_a_border_is_solved_for_together_with_the_rest(scale: float) -> None:
     by, precision, residual = stacked()
-    outer = np.random.default_rng(3).standard_normal((len(by), 2))
+    outer = np.random.default_rng(3).standard_normal((len(by), 4)) * (scale, 1.0, 1.0, 1.0)
     weighed = precision[:, None] * outer
     equations = Pattern(5, PAIRS, TRIPLES).equations(*KINDS)
 
@@ -57,6 +58,8 @@ def test_a_border_is_solved_for_together_with_the_rest() -> None:
     both = root[:, None] * np.concatenate([by, outer], axis=1)
     expected = np.linalg.lstsq(both, -root * residual, rcond=None)[0]
     np.testing.assert_allclose(np.concatenate([inner, found]), expected, rtol=1e-6)
+    with pytest.raises(np.linalg.LinAlgError):
+        equations.solution_with(by.T @ weighed, -outer.T @ weighed, -weighed.T @ residual)
 
 
 def test_a_pattern_serves_for_other_values() -> None:
