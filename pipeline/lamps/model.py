@@ -18,7 +18,7 @@ from pipeline.spectra.cameras import Camera, tells_colours_apart
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.families import family_spectra
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
-from pipeline.spectra.matrices import best_matrix
+from pipeline.spectra.matrices import balancing_matrix, best_matrix
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ class Model:
     flash_white: (3,) camera RGB of a white card under the flash, green 1.
     neutral: (3,) coefficients of the neutral light, green 1.
     neutral_light: (W,) its spectrum, which gives a white card green 1.
-    flash_to_neutral: (3, 3) best matrix from I_flash to the same under the neutral light, scaled
-        so that a white card's green response is that of the neutral light with green 1.
+    flash_to_neutral: (3, 3) best matrix from I_flash to the same under the neutral light that
+        keeps white: a white card gets the neutral light's own colour, green 1.
     camera_to_xyz: (3, 3) camera RGB → CIE XYZ for showing photographs as they are, learnt under
         D65; a white card of green 1 has Y = 1.
     neutral_to_xyz: the same learnt under the neutral light, whose own colour it keeps.
@@ -116,7 +116,7 @@ def build_model(
         flash_white=s @ power,
         neutral=b_neutral / b_neutral[1],
         neutral_light=neutral / neutral_white[1],
-        flash_to_neutral=best_matrix(s * power, s * neutral / neutral_white[1]),
+        flash_to_neutral=balancing_matrix(s * power, s * neutral / neutral_white[1]),
         camera_to_xyz=_shown(s, packaged_light(_DISPLAY_LIGHT)),
         neutral_to_xyz=_shown(s, neutral),
         response=None if response is None else _response(learnt, s, power, response),

@@ -27,8 +27,22 @@ def camera_to_xyz(
     camera = sensitivities * illuminant
     white_rgb, white_xyz = camera.sum(axis=1), observer.sum(axis=1)
     rgb, xyz = reflectances @ camera.T, reflectances @ observer.T
-    inverse = np.linalg.inv(rgb.T @ rgb)
-    free = (inverse @ rgb.T @ xyz).T
-    pull = inverse @ white_rgb / (white_rgb @ inverse @ white_rgb)
-    matrix: Matrix = free + np.outer(white_xyz - free @ white_rgb, pull)
+    return white_preserving(rgb, xyz, white_rgb, white_xyz)
+
+
+def white_preserving(
+    seen: NDArray[np.float64],
+    wanted: NDArray[np.float64],
+    white: NDArray[np.float64],
+    wanted_white: NDArray[np.float64],
+) -> Matrix:
+    """Matrix (3, 3) that takes colours seen (m, 3) nearest to those wanted, and white exactly.
+
+    white, wanted_white: (3,). White-point preserving least squares (Finlayson and Drew 1997).
+    Raises numpy.linalg.LinAlgError where the colours seen do not differ in three ways.
+    """
+    inverse = np.linalg.inv(seen.T @ seen)
+    free = (inverse @ seen.T @ wanted).T
+    pull = inverse @ white / (white @ inverse @ white)
+    matrix: Matrix = free + np.outer(wanted_white - free @ white, pull)
     return matrix

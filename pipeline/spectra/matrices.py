@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.images.frames import Matrix
+from pipeline.spectra.colorimetry import white_preserving
 from pipeline.spectra.lights import reflectance_spectra
 
 Array = NDArray[np.float64]
@@ -21,6 +22,18 @@ def best_matrix(before: Array, after: Array) -> Matrix:
     seen = rho @ before.T
     weight = _weight(seen)
     return np.asarray(np.linalg.lstsq(seen * weight, rho @ after.T * weight, rcond=None)[0].T)
+
+
+def balancing_matrix(before: Array, after: Array) -> Matrix:
+    """As best_matrix, but a white card becomes exactly white: greys keep no cast.
+
+    Raises numpy.linalg.LinAlgError where `before` does not tell three colours apart.
+    """
+    rho = reflectance_spectra()
+    seen = rho @ before.T
+    weight = _weight(seen)
+    whites = before.sum(axis=1), after.sum(axis=1)
+    return white_preserving(seen * weight, rho @ after.T * weight, *whites)
 
 
 def by_spectrum(sensitivities: Array, before: Array) -> Array:

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
-from pipeline.spectra.matrices import best_matrix, by_spectrum
+from pipeline.spectra.matrices import balancing_matrix, best_matrix, by_spectrum
 
 
 def test_a_change_of_gains_is_found_exactly(camera: Camera) -> None:
@@ -41,3 +41,22 @@ def test_the_matrix_is_linear_in_the_spectrum(camera: Camera, name: str) -> None
     found = by_spectrum(s, s * flash) @ light
 
     np.testing.assert_allclose(found, best_matrix(s * flash, s * light), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["A", "FL2", "LED-B1"])
+def test_white_stays_white_and_no_matrix_that_keeps_it_errs_less(camera: Camera, name: str) -> None:
+    before, after = (camera.sensitivities * find_light(light) for light in ("xenon", name))
+    seen, wanted = reflectance_spectra() @ before.T, reflectance_spectra() @ after.T
+
+    def error(matrix: np.ndarray) -> float:
+        return float(np.square((seen @ matrix.T - wanted) / seen.sum(axis=1)[:, None]).sum())
+
+    found = balancing_matrix(before, after)
+
+    white = before.sum(axis=1)
+    np.testing.assert_allclose(found @ white, after.sum(axis=1), rtol=1e-9)
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        other = random.normal(size=(3, 3))
+        other -= np.outer(other @ white, white) / (white @ white)
+        assert error(found + 1e-3 * other) > error(found)
