@@ -6,6 +6,7 @@ PipelineError
 │   ├── ImageTooLargeError     more pixels than the limit
 │   ├── PairMismatchError      the two frames do not belong together
 │   ├── UnusablePairError      no light left to separate (black, identical, flash too weak)
+│   │   └── SwappedPairError   each frame seems to be the other one
 │   ├── MarkError              what is to be measured was not found, or more than once
 │   └── OptionError            an option's value cannot be used
 └── Canceled              the caller asked to stop
@@ -38,6 +39,10 @@ class PairMismatchError(InputError):
 
 class UnusablePairError(InputError):
     """The pair holds no light that could be separated."""
+
+
+class SwappedPairError(UnusablePairError):
+    """Each of the frames seems to be the other one."""
 
 
 class MarkError(InputError):

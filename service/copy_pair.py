@@ -16,9 +16,12 @@ from service.storage import Storage
 _GONE = "The photographs of the job are removed; send them again."
 
 
-def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]:
+def copy_pair(
+    storage: Storage, source: jobs.Job, new_id: str, swapped: bool = False
+) -> dict[str, Any]:
     """Copy the photographs of a job for good; all that the new job's row says of them, by column.
 
+    swapped: each becomes the other one.
     Raises NotReadyError where a camera has not taken them yet, EndedError where it never will,
     GoneError where they are removed, StorageFullError, BaseError while the store is away. Nothing
     is left of the copies then.
@@ -29,10 +32,12 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]
         raise EndedError("The job ended before its camera had taken photographs; send a new one.")
     if source.inputs is None:
         raise NotReadyError("The job has no photographs yet; its camera has not taken them.")
+    sources = FRAMES[::-1] if swapped else FRAMES
+    of = {frame: source.inputs[one] for frame, one in zip(FRAMES, sources, strict=True)}
     keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}
     try:
         for frame, key in keys.items():
-            storage.copy(source.inputs[frame]["key"], key)
+            storage.copy(of[frame]["key"], key)
         storage.flush(keys.values())
         size = sum(storage.size(key) for key in keys.values())
     except (BaseError, FileNotFoundError, StorageFullError) as error:
@@ -40,7 +45,7 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]
         if isinstance(error, FileNotFoundError):  # it was deleted at this moment
             raise GoneError(_GONE) from error
         raise
-    digests = {frame: source.inputs[frame]["sha256"] for frame in FRAMES}
+    digests = {frame: of[frame]["sha256"] for frame in FRAMES}
     return {
         "capture": source.capture,
         "camera_settings": source.camera_settings,

@@ -120,6 +120,7 @@ KINDS: dict[type[Exception], Kind] = {
     pipeline_errors.ImageTooLargeError: Kind("image-too-large", 413, "Too many pixels"),
     pipeline_errors.PairMismatchError: Kind("pair-mismatch", 422, "The frames are no pair"),
     pipeline_errors.UnusablePairError: Kind("unusable-pair", 422, "No light to separate"),
+    pipeline_errors.SwappedPairError: Kind("swapped-pair", 422, "The wrong way round, it seems"),
     pipeline_errors.MarkError: Kind("nothing-to-mark", 422, "Nothing to measure was found"),
     pipeline_errors.OptionError: Kind("invalid-option", 422, "An option cannot be used"),
     pipeline_errors.InputError: Kind("invalid-input", 422, "The input cannot be used"),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.decode import read_alike, read_header
-from pipeline.errors import PairMismatchError, UnusablePairError
+from pipeline.errors import PairMismatchError, SwappedPairError, UnusablePairError
 from pipeline.images.frames import Frame, Image, Mask, Photograph
 from pipeline.images.noise import Noise
 from pipeline.images.quantiles import quantile
@@ -79,7 +79,7 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
 
     flash_only: the second is the flash part alone, which may have been computed from RAW files and
     written as linear values without a profile.
-    Raises PairMismatchError, UnusablePairError.
+    Raises PairMismatchError, UnusablePairError, SwappedPairError.
     """
     check_sizes(no_flash.size, flash.size)
     encodings = {no_flash.encoding, flash.encoding}
@@ -99,7 +99,7 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
     if no_flash.sha256 == flash.sha256 or _equal(no_flash.pixels, flash.pixels):
         raise UnusablePairError(_IDENTICAL)
     if no_flash.flash_fired and flash.flash_fired is False:
-        raise UnusablePairError(
+        raise SwappedPairError(
             "The flash fired in the photograph that should be without it: swap the two."
         )
 
@@ -169,7 +169,9 @@ def check_flash_adds(
     noises: tuple[Noise, Noise],
     given_ratio: float | None = None,
 ) -> None:
-    """Raise UnusablePairError where the flash part is missing or negative, or all is clipped.
+    """Raise UnusablePairError where the flash part is missing, or all is clipped.
+
+    SwappedPairError where it is negative.
 
     no_flash, flash: (H, W, 3) on one scale. given_ratio: of the exposures that made it so, None
     where nobody gave one. What is left to use is told later.
@@ -186,12 +188,12 @@ def check_flash_adds(
     darker_alone = not adds and np.mean(part[open_] < -3 * noise[open_]) > _DARKER_ALONE
     if darker_alone or np.mean(part[open_] < -2 * noise[open_]) > _DARKER:
         if given_ratio is not None:
-            raise UnusablePairError(
+            raise SwappedPairError(
                 f"With the exposure ratio given, {given_ratio:.3g}, the photograph with the flash "
                 "is darker than the one without it: pass the flash frame's exposure divided by the "
                 "other's, or swap the two if they are the wrong way round."
             )
-        raise UnusablePairError(
+        raise SwappedPairError(
             "The photograph with the flash is darker than the one without it: swap the two, or "
             "pass the exposure ratio if the camera did not write it."
         )

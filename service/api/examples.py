@@ -120,7 +120,7 @@ SCHEMAS: dict[str, list[Any]] = {
     "JobPage": [{"jobs": [_DONE], "next": f"/jobs?limit=1&after={_PLACE}"}],
     "KeptCalibrations": [{"calibrations": [_KEPT]}],
     "MixJob": [{"lamps": [{"ev": -2, "neutral": True}, {"temperature_k": 2700}], "format": "tiff"}],
-    "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}],
+    "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}, {"swapped": True}],
     "SettingsRequest": [{"iso": 200}],
     "UploadsRequest": [{"uploads": _UPLOADS, "options": {"lights": 2}}],
 }

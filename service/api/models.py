@@ -134,6 +134,11 @@ class RerunRequest(Handling):
         default=None,
         description="In place of those of the job, and of the same kind; null: the same ones.",
     )
+    swapped: bool = Field(
+        default=False,
+        description="The photograph with the flash is the one that was without it, and the other "
+        "way round.",
+    )
 
 
 class Calibrated(BaseModel):

@@ -73,7 +73,7 @@ def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accept
     asked = source.options if given is None else fill_in(context, caller, given)
     options = check_options(source.task, asked)
     new_id = uuid.uuid4().hex
-    values = copy_pair(context.storage, source, new_id) | {
+    values = copy_pair(context.storage, source, new_id, wanted.swapped) | {
         "id": new_id,
         "request_hash": request_hash,
     }

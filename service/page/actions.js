@@ -1,10 +1,12 @@
-// What can be done with a job that has ended: run it again, or delete it.
+// What can be done with a job that has ended: run it again, its photographs swapped where they are the wrong way round, or delete it.
 
 import { remove, sender } from "./api.js";
 import { h, single } from "./dom.js";
 import { keepMix, keptMix } from "./kept.js";
 import { untouched } from "./mix.js";
 import { goTo, tellProblem } from "./notes.js";
+
+const SWAPPED = "urn:lightlayers:problem:swapped-pair";
 
 export function actionsOf(job, signal) {
   const problems = h("div");
@@ -18,13 +20,14 @@ export function actionsOf(job, signal) {
         tellProblem(error, problems, signal);
       }
     });
-  const again = async () => goTo(await runAgain(send, job), signal);
+  const swapped = job.error?.type === SWAPPED;
+  const again = async () => goTo(await runAgain(send, job, swapped), signal);
   const gone = async () => {
     if ((await deleteJob(job)) && !signal.aborted) location.hash = "#/jobs";
   };
   const row = h("p", { className: "row actions" });
   if (job.options.kind === "mix") row.append(mixerOf(job.options));
-  else if (job.state !== "expired") row.append(button("Run again", attempt(again)));
+  else if (job.state !== "expired") row.append(button(swapped ? "Swap and run again" : "Run again", attempt(again)));
   row.append(button("Delete", attempt(gone)), h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
   return h("div", {}, row, problems);
 }
@@ -45,9 +48,9 @@ export async function deleteJob(job) {
   return true;
 }
 
-/** Another job like this one; a camera that took no pair takes one. */
-function runAgain(send, job) {
-  if (job.inputs) return send(`/jobs/${job.id}/rerun`, {});
+/** Another job like this one, its photographs swapped or as they are; a camera that took no pair takes one. */
+function runAgain(send, job, swapped) {
+  if (job.inputs) return send(`/jobs/${job.id}/rerun`, swapped ? { swapped } : {});
   return send(job.options.kind ? "/calibrations" : "/jobs", { capture: job.capture, options: job.options });
 }
 

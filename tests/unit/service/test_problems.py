@@ -57,6 +57,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "service-not-ready": 503,
         "slow-request": 408,
         "storage-full": 507,
+        "swapped-pair": 422,
         "store-unavailable": 503,
         "stored-quota": 403,
         "timed-out": 500,

@@ -106,6 +106,39 @@ def test_where_events_do_not_come_the_page_asks(
     expect(page.get_by_role("alert")).to_contain_text("Canceled")
 
 
+def test_a_pair_that_was_sent_the_wrong_way_round_is_swapped(
+    page: Page, service: Any, pair: drivers.CapturedPair
+) -> None:
+    files = {"no_flash": pair.flash.best, "flash": pair.no_flash.best}
+    wrong = service.await_end(service.http.post("/jobs", files=files).json())
+    assert wrong["error"]["type"] == "urn:lightlayers:problem:swapped-pair"
+    page.goto(f"/#/jobs/{wrong['id']}")
+    expect(page.get_by_role("alert")).to_contain_text("swap the two")
+    expect(page.get_by_role("button", name="Run again", exact=True)).to_be_hidden()
+    check_access(page, "swapped")
+    page.get_by_role("button", name="Swap and run again").click()
+    page.wait_for_url(lambda url: wrong["id"] not in url)
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    inputs = wrong["inputs"]
+    assert job["inputs"] == {"no_flash": inputs["flash"], "flash": inputs["no_flash"]}
+    assert service.await_end(job)["state"] == "succeeded"
+
+
+def test_whether_to_swap_is_told_by_the_type_of_the_problem(
+    page: Page, done: dict[str, Any]
+) -> None:
+    error = {"type": "urn:lightlayers:problem:unusable-pair", "title": "No", "status": 422}
+    error |= {"detail": "The pair is black: swap the two.", "retryable": False, "trace_id": ""}
+    failed = {**done, "state": "failed", "error": error, "files": []}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=failed))
+    page.route("**/rerun", lambda route: route.abort())
+    page.goto(f"/#/jobs/{done['id']}")
+    with page.expect_request("**/rerun") as sent:
+        page.get_by_role("button", name="Run again", exact=True).click()
+    assert sent.value.post_data_json == {}
+    expect(page.get_by_role("alert").last).to_contain_text("No connection")
+
+
 @pytest.mark.parametrize("name", ["Run again", "Find normals"])
 def test_a_double_click_makes_one_job(page: Page, done: dict[str, Any], name: str) -> None:
     held: list[Route] = []

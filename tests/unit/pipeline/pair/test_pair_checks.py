@@ -13,6 +13,7 @@ from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.errors import (
     InputError,
     PairMismatchError,
+    SwappedPairError,
     UnreadableImageError,
     UnusablePairError,
 )
@@ -248,7 +249,7 @@ def test_a_swapped_pair_is_told_by_the_exif(
 ) -> None:
     before, after = frames()
 
-    with pytest.raises(UnusablePairError, match=r"swap the two\.$"):
+    with pytest.raises(SwappedPairError, match=r"swap the two\.$"):
         paired((replace(after, flash_fired=True), replace(before, flash_fired=False)))
 
 
@@ -258,7 +259,7 @@ def test_a_swapped_pair_is_told_by_its_light(
     before, after = frames()
 
     with pytest.raises(
-        UnusablePairError, match=r"^The photograph with the flash is darker than the one without"
+        SwappedPairError, match=r"^The photograph with the flash is darker than the one without"
     ):
         paired((after, before))
 
@@ -282,7 +283,7 @@ def test_a_swapped_pair_is_told_by_its_light_however_far_the_flash_reaches(
     one, other = frames()
     swapped = replace(one, pixels=after), replace(other, pixels=before)
 
-    with pytest.raises(UnusablePairError, match=f"^{told}"):
+    with pytest.raises(SwappedPairError, match=f"^{told}"):
         paired(swapped, exposure_ratio=ratio, align=False)
 
 
@@ -290,7 +291,7 @@ def test_an_exposure_ratio_that_was_given_is_named_where_the_light_is_missing(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
     with pytest.raises(
-        UnusablePairError,
+        SwappedPairError,
         match=r"^With the exposure ratio given, 100, the photograph with the flash is darker than "
         r"the one without it: pass the flash frame's exposure divided by the other's, or swap ",
     ):
@@ -324,7 +325,7 @@ def test_photographs_are_swapped_only_where_the_exif_says_both(
     both = [replace(one, flash_fired=told) for one, told in zip(frames(), fired, strict=True)]
 
     if swapped:
-        with pytest.raises(UnusablePairError, match="swap the two"):
+        with pytest.raises(SwappedPairError, match="swap the two"):
             check_belonging(both[0], both[1], False)
     else:
         check_belonging(both[0], both[1], False)

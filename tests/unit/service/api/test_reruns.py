@@ -78,6 +78,24 @@ def test_without_options_they_are_those_of_the_job(body: Any, http: httpx.Client
     assert (made["options"], made["priority"], made["deadline"]) == ({"lights": 2}, "normal", None)
 
 
+def test_a_rerun_may_exchange_the_photographs(
+    http: httpx.Client, job: Job, context: Context
+) -> None:
+    made = _rerun(http, job, {"swapped": True}).json()
+    assert made["inputs"]["no_flash"] == job["inputs"]["flash"]
+    assert made["inputs"]["flash"] == job["inputs"]["no_flash"]
+    assert made["inputs"]["flash"] != made["inputs"]["no_flash"]
+    assert made["options"] == job["options"]
+    for frame, of in (("no_flash", "flash"), ("flash", "no_flash")):
+        copy, source = (
+            context.storage.get(f"jobs/{name}")
+            for name in (f"{made['id']}/inputs/{frame}", f"{job['id']}/inputs/{of}")
+        )
+        assert copy == source
+    back = _rerun(http, made, {"swapped": True}).json()
+    assert back["inputs"] == job["inputs"]
+
+
 @pytest.mark.parametrize("deleted", ["the first", "the rerun"])
 def test_deleting_one_leaves_the_other(
     deleted: str, http: httpx.Client, job: Job, context: Context
@@ -189,7 +207,9 @@ class TestIdempotencyKey:
         again = _rerun(http, job, **{"idempotency-key": "once"})
         assert (again.status_code, again.json()["id"]) == (202, first["id"])
 
-    @pytest.mark.parametrize("body", [{"options": {"lights": 3}}, {"priority": "high"}])
+    @pytest.mark.parametrize(
+        "body", [{"options": {"lights": 3}}, {"priority": "high"}, {"swapped": True}]
+    )
     def test_is_for_one_request(self, body: Any, http: httpx.Client, job: Job) -> None:
         _rerun(http, job, **{"idempotency-key": "once"})
         other = _rerun(http, job, body, **{"idempotency-key": "once"})
@@ -241,6 +261,7 @@ def test_a_job_that_is_not_there_cannot_be_run_again(http: httpx.Client) -> None
         ({"json": {"options": {"lights": 9}}}, 422, "invalid-option"),
         ({"json": {"options": []}}, 422, "invalid-option"),
         ({"json": {"speed": 1}}, 422, "invalid-option"),
+        ({"json": {"swapped": "yes"}}, 422, "invalid-option"),
         ({"json": {"deadline_seconds": -1}}, 422, "invalid-option"),
         ({"json": {"options": {"camera": {"calibration": "nothing"}}}}, 422, "invalid-option"),
         ({"content": b"{", "headers": {"content-type": "application/json"}}, 422, "invalid-option"),
