@@ -100,7 +100,8 @@ export function alarm(error, again) {
 }
 
 export function bytes(size) {
-  const [unit, name] = [[1e9, "GB"], [1e6, "MB"], [1e3, "kB"]].find(([least]) => size >= least) ?? [1e3, "kB"];
+  if (size < 1000) return size === 1 ? "1 byte" : `${size} bytes`;
+  const [unit, name] = [[1e9, "GB"], [1e6, "MB"], [1e3, "kB"]].find(([least]) => size >= least);
   return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 10 * unit ? 1 : 0 })} ${name}`;
 }
 

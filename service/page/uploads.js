@@ -1,13 +1,14 @@
 // Photographs that are sent piece by piece (tus): what has come stays where the connection breaks, and is gone on with.
 
 import { isReadable, request, sendPiece } from "./api.js";
-import { wait } from "./dom.js";
+import { bytes, wait } from "./dom.js";
 import { AWAY } from "./watch.js";
 
 const PIECE = 2 ** 23; // bytes
 const PAUSES_MS = [500, 1000, 2000, 5000, 10000]; // between tries while nothing comes through
 const TUS = { "Tus-Resumable": "1.0.0" };
 const GONE = [404, 410];
+const TOO_LARGE = 413;
 const ELSEWHERE = 409; // a piece of which the answer got lost has come
 
 const begun = new WeakMap(); // how far each file is: path, and offset, null where the service has to tell
@@ -75,13 +76,24 @@ async function persistently(file, signal, work) {
 async function whereOf(file, signal) {
   const known = begun.get(file);
   if (!known) {
-    const answer = await request("/uploads", { method: "POST", headers: { ...TUS, "Upload-Length": file.size }, signal });
+    const headers = { ...TUS, "Upload-Length": file.size };
+    const answer = await request("/uploads", { method: "POST", headers, signal }).catch(async (error) => {
+      throw error.status === TOO_LARGE ? await tooLarge(file, signal) : error;
+    });
     begun.set(file, { path: answer.headers.get("location"), offset: 0 });
   } else if (known.offset === null) {
     const answer = await request(known.path, { method: "HEAD", headers: TUS, signal });
     known.offset = Number(answer.headers.get("upload-offset"));
   }
   return begun.get(file);
+}
+
+/** That a file is too large, as people say it: the service knows neither its name nor whom it tells. */
+async function tooLarge({ name, size }, signal) {
+  const answer = await request("/uploads", { method: "OPTIONS", headers: TUS, signal });
+  const most = bytes(Number(answer.headers.get("tus-max-size")));
+  const message = `${name} has ${bytes(size)}, and this service takes ${most} at most: choose a smaller file.`;
+  return Object.assign(new Error(message), { title: "A photograph is too large", status: TOO_LARGE });
 }
 
 function changed({ name }) {

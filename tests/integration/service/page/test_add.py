@@ -158,12 +158,12 @@ def test_what_is_no_file_is_told_of(page: Page, tmp_path: Path) -> None:
     expect(page.locator(".chosen .name")).to_have_count(0)
     drop_really(files=[str(folder), str(file)])
     expect(alert).to_contain_text("The others were left out.")
-    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 0 kB"])
+    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 1 byte"])
     drop_really(files=[str(file)])
     expect(alert).to_have_count(0)
     drop_really(items=[{"mimeType": "text/plain", "data": "a link"}], files=[])
     expect(alert).to_contain_text("drop the files themselves")
-    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 0 kB"])
+    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 1 byte"])
 
 
 def test_what_is_chosen_stays_where_its_view_is_wanted_again(page: Page) -> None:
@@ -181,7 +181,7 @@ def test_a_name_from_right_to_left_stays_apart_from_its_size(page: Page) -> None
     page.goto("/")
     drop(page, "Without the flash", "חדר.png")
     expect(page.locator(".chosen bdi")).to_have_text("חדר.png")
-    expect(page.locator(".chosen .name")).to_have_text("חדר.png · 0 kB")
+    expect(page.locator(".chosen .name")).to_have_text("חדר.png · 1 byte")
 
 
 def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -258,3 +259,24 @@ def test_a_second_photograph_without_room_is_told_before_the_first_is_sent(
     send(page)
     expect(page.get_by_role("alert")).to_contain_text("may take 1,000,000 bytes")
     assert [one for one in asked if one[0] != "GET"] == [("POST", "/uploads")] * 2
+
+
+def test_a_file_that_is_too_large_is_named_before_anything_is_sent(
+    page: Page, service: Any, tmp_path: Path
+) -> None:
+    files = [tmp_path / "a.dng", tmp_path / "b.dng"]
+    files[0].write_bytes(b"x")
+    with files[1].open("wb") as file:
+        file.truncate(3 * 2**30)  # takes no room
+    asked: list[tuple[str, str]] = []
+    page.on("request", lambda request: asked.append((request.method, urlsplit(request.url).path)))
+    page.goto(service.url)
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 1 byte", "b.dng · 3.2 GB"])
+    send(page)
+    expect(page.get_by_role("alert")).to_contain_text(
+        "b.dng has 3.2 GB, and this service takes 537 MB at most: choose a smaller file."
+    )
+    sent = [("POST", "/uploads")] * 2 + [("OPTIONS", "/uploads")]
+    assert [one for one in asked if one[0] != "GET"] == sent
+    expect(page.locator(".chosen .name")).to_have_count(2)
