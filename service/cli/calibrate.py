@@ -52,7 +52,8 @@ class CalibrationFlags(PairFlags):
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Have this camera take the pair, like sim://studio?scene=chart.",
+            help="Have this camera take the pair, like sim://studio?scene=chart, or for lamps "
+            "scene=sphere.",
         ),
     ] = None
     flash_switch: Annotated[
