@@ -316,3 +316,10 @@ def test_a_bad_file_is_told_in_words(page: Page) -> None:
     expect(page.get_by_role("alert")).to_contain_text("photograph without the flash")
     check_access(page, "refused")
     expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+
+
+def test_a_device_without_a_touch_screen_is_not_asked_for_its_camera(page: Page) -> None:
+    """There the button would choose a file, as the one beside it does."""
+    page.goto("/")
+    expect(page.get_by_text("Choose a file")).to_have_count(2)
+    expect(page.get_by_text("Use the camera").filter(visible=True)).to_have_count(0)
