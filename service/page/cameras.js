@@ -75,26 +75,28 @@ async function keepUp(signal, show) {
 
 function rowOf(camera, attempt, options) {
   const name = nameOf(camera);
+  const named = name !== camera.address;
+  const which = named ? `${name} at ${camera.address}` : name; // there may be two of a model
   const send = sender();
   const how = h("span", { className: "how" });
   const flash = h(
     "select",
-    { "aria-label": `Flash of ${name}` },
+    { "aria-label": `Flash of ${which}` },
     ...FLASH.map(([value, textContent]) => h("option", { value, textContent })),
   );
   const button = h("button", {
     type: "button",
     textContent: "Capture",
-    "aria-label": `Capture with ${name}`,
+    "aria-label": `Capture with ${which}`,
     onclick: attempt(() => capture(send, camera, flash.value, options())),
   });
   const element = h(
     "li",
     {},
-    h("div", { className: "who" }, h("strong", { textContent: name }), " ", name === camera.address ? null : h("code", { textContent: camera.address }), how),
+    h("div", { className: "who" }, h("strong", { textContent: name }), " ", named ? h("code", { textContent: camera.address }) : null, how),
     flash,
     button,
-    settingsOf(camera, name),
+    settingsOf(camera, which),
   );
   const show = (now) => {
     how.replaceChildren(...wordsOf(now));

@@ -211,3 +211,19 @@ def test_a_camera_that_comes_later_is_named_then(page: Page) -> None:
     expect(page.get_by_role("button", name="Capture with Nikon D5100")).to_be_enabled()
     expect(row).to_have_count(1)
     expect(row).to_contain_text("Nikon D5100 ptp+ip://192.168.1.20")
+
+
+def test_two_cameras_of_a_model_are_told_apart_by_who_sees_nothing(page: Page) -> None:
+    two = [{**CAMERA, "id": at, "address": f"ptp+ip://{at}", "state": "idle"} for at in ("a", "b")]
+    page.route("**/cameras/events", lambda route: route.abort())
+    page.route("**/cameras", lambda route: route.fulfill(json=two))
+    page.route("**/settings", lambda route: route.fulfill(json={}))
+    page.route("**/captures", lambda route: route.abort())
+    page.goto("/")
+    for at in ("b", "a"):
+        name = f"Nikon D5100 at ptp+ip://{at}"
+        expect(page.get_by_label(f"Flash of {name}")).to_have_count(1)
+        expect(page.get_by_label(f"Settings of {name}")).to_have_count(1)
+        with page.expect_request(f"**/cameras/{at}/captures"):
+            page.get_by_role("button", name=f"Capture with {name}").click()
+        expect(page.get_by_role("alert")).to_contain_text("No connection")
