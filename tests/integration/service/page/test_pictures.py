@@ -36,3 +36,19 @@ def test_pictures_that_were_shown_are_not_kept_in_memory(page: Page, done: dict[
     page.get_by_role("radio", name="Unexplained").check(force=True)
     expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
     expect(page.locator("html")).to_have_attribute("data-kept", "0")
+
+
+def test_a_picture_that_is_on_its_way_is_shown_as_no_broken_one(
+    page: Page, done: dict[str, Any]
+) -> None:
+    held: list[Route] = []
+    page.route("**/residual.png", lambda route: held.append(route))
+    open_mixer(page, done)
+    with page.expect_request("**/residual.png"):
+        page.get_by_role("radio", name="Unexplained").check(force=True)
+    picture = page.locator(".picture img")
+    expect(picture).to_be_attached()
+    expect(picture).to_be_hidden()
+    held[0].continue_()
+    expect(picture).to_be_visible()
+    expect(picture).not_to_have_js_property("naturalWidth", 0)
