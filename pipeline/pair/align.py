@@ -44,6 +44,7 @@ _LOCAL = 16.0  # pixels around, by whose mean an edge is divided
 _LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
 _FIRST = 0.02  # what the first motion taken must gain in agreement; tripod pairs gain up to .018
 _FIRST_PART = 0.12  # of the agreement, which noise lowers: a turn then need not gain more
+_FIRST_ZOOM = 0.06  # the same of one that changes the size above all; see decision 30
 _MOSTLY = 0.7  # share of the picture's blocks that must agree better
 _PLAIN_PX = 1.0  # shadows are taken for shorter shifts; longer ones need to gain half as much
 _MAX_BEND = 0.03  # of the diagonal, at a corner
@@ -148,12 +149,27 @@ def _estimate(
             worth_it = _FIRST / 2 if moves > _PLAIN_PX else _FIRST
         elif chosen is None:
             worth_it = min(_FIRST, _FIRST_PART * agrees)
+            as_large = _unzoomed(candidate, width, height)
+            there_as_large = products(reference_steps[0], sample_steps[0], as_large)
+            if agreement(there_as_large) <= best + worth_it:
+                worth_it = _FIRST_ZOOM
         if agrees > best + worth_it:
             found, chosen, known = candidate, freedoms, there
         best = max(best, agrees)
     if chosen is None:
         return found
     return finish_motion(reference_steps, sample_steps, found, chosen)
+
+
+def _unzoomed(matrix: NDArray[np.float64], width: int, height: int) -> NDArray[np.float64]:
+    """A motion (3, 3) that leaves things in the middle of the picture as large as they are."""
+    middle = np.array([width / 2, height / 2, 1.0])
+    x, y, w = matrix @ middle
+    slopes = (matrix[:2, :2] - np.outer([x / w, y / w], matrix[2, :2])) / w
+    smaller = np.diag([1.0, 1.0, np.sqrt(np.abs(np.linalg.det(slopes)))])
+    there = np.eye(3)
+    there[:2, 2] = middle[:2]
+    return np.asarray(matrix @ there @ smaller @ np.linalg.inv(there))
 
 
 def _shift(reference: Image, sample: Image) -> NDArray[np.float64]:

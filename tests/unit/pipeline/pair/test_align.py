@@ -400,3 +400,43 @@ def test_noise_beside_a_plain_sphere_moves_no_pair_that_lies_still(seed: int) ->
     )
 
     assert not estimate_alignment(*noisy).applied
+
+
+def ball_before_black(flash: float) -> tuple[Image, Image]:
+    """A matt ball under a lamp at either side, without a flash at the camera and with it."""
+    y, x = (np.mgrid[:720, :720] + 0.5) / 3
+    u, v = (x - 120) / 80, (120 - y) / 80
+    hit = np.hypot(u, v) < 1
+    normals = np.stack([u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0))], axis=-1)
+
+    def lit(towards: tuple[float, float, float], colour: list[float]) -> Array:
+        shade = np.maximum(normals @ (np.array(towards) / np.linalg.norm(towards)), 0) * hit
+        small = cv2.resize(shade, (240, 240), interpolation=cv2.INTER_AREA)
+        return np.asarray(small[..., None] * colour)
+
+    lamps = lit((-0.9, 0.3, 0.4), [0.4, 0.3, 0.15]) + lit((0.9, 0.3, 0.4), [0.15, 0.3, 0.4])
+    both = lamps + lit((0, 0, 1), [flash] * 3)
+    return np.asarray(lamps, np.float32), np.asarray(both, np.float32)
+
+
+@pytest.mark.parametrize(("zoom", "applied"), [(0.0, True), (align._FIRST_ZOOM, False)])
+@pytest.mark.parametrize("flash", [2.0, 4.0])
+def test_a_ball_before_black_that_seems_to_shrink_under_the_flash_lies_still(
+    monkeypatch: pytest.MonkeyPatch, flash: float, zoom: float, applied: bool
+) -> None:
+    """Its outline is dark by a flash at the camera, and bright by lamps at its sides."""
+    monkeypatch.setattr(align, "_FIRST_ZOOM", zoom)
+
+    assert estimate_alignment(*ball_before_black(flash)).applied is applied
+
+
+def test_a_lens_that_focuses_anew_on_a_tripod_is_noticed() -> None:
+    """Its picture grows about the middle, without shift or turn."""
+    larger = about_the_middle(np.diag([1.01, 1.01, 1.0]))
+    canvas = surfaces()
+
+    found = estimate_alignment(
+        by_lamps(moved(canvas, np.eye(3))), by_flash(moved(canvas, np.linalg.inv(larger)))
+    )
+
+    assert np.linalg.norm(where(found.matrix) - where(larger), axis=1).max() < 0.2
