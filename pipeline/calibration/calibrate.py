@@ -251,7 +251,7 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
 
 def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
     focal_px, warnings = focal_length_px(frame, options.focal_px)
-    sphere = options.sphere or find_sphere(pair, options.mirror)
+    sphere = options.sphere or find_sphere(pair, options.mirror, focal_px)
     estimate = mirror_lamps if options.mirror else estimate_lamps
     lamps = estimate(pair, sphere, options.lights, focal_px)
     aside_deg = lamps.flash_aside_deg

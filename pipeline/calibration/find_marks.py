@@ -41,9 +41,12 @@ def find_chart(pair: Pair) -> Corners:
     return (a, b, c, d)
 
 
-def find_sphere(pair: Pair, mirror: bool) -> Circle:
-    """Find the outline of the one sphere. Raises MarkError."""
-    found = find_spheres(pair.no_flash[:], pair.flash_part(), mirror)
+def find_sphere(pair: Pair, mirror: bool, focal_px: float) -> Circle:
+    """Find the outline of the one sphere; focal_px: focal length in pixels.
+
+    Raises MarkError, OptionError for a sphere too near to the camera.
+    """
+    found = find_spheres(pair.no_flash[:], pair.flash_part(), mirror, focal_px)
     kind = "mirror sphere" if mirror else "matt grey sphere"
     advice = "all of it must be in the picture, lit by a flash at the camera"
     _check_one(len(found), kind, advice, "the option sphere, its outline")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.calibration.marks import on_screen
+from pipeline.calibration.sphere import sphere_outline, view_rays
 from pipeline.options import Circle
 
 Array = NDArray[np.float64]
@@ -35,12 +36,14 @@ Judge = Callable[[NDArray[np.float32], Circle], float | None]
 
 
 def find_spheres(
-    no_flash: NDArray[np.floating], flash: NDArray[np.floating], mirror: bool
+    no_flash: NDArray[np.floating], flash: NDArray[np.floating], mirror: bool, focal_px: float
 ) -> list[Circle]:
     """Find the outlines of spheres that the flash lights from the camera, the likeliest first.
 
     no_flash, flash: linear light (H, W, 3) of the lamps and of the flash alone. mirror: look for
-    mirror spheres, else for matt ones of one colour.
+    mirror spheres, else for matt ones of one colour. focal_px: focal length in pixels. Circles have
+    the middle and the area of the ellipse that an outline is. Raises OptionError for a sphere too
+    near, or too far to the side.
     """
     height, width = flash.shape[:2]
     scale = min(1.0, _LONG_SIDE / max(height, width))
@@ -67,7 +70,7 @@ def find_spheres(
             found.append(one)
     whole = np.sqrt(np.maximum(no_flash, 0) + np.maximum(flash, 0)).astype(np.float32)
     refined = [
-        _refined(whole, Circle(x=c.x / scale, y=c.y / scale, radius=c.radius / scale))
+        _refined(whole, Circle(x=c.x / scale, y=c.y / scale, radius=c.radius / scale), focal_px)
         for c in found
     ]
     return [_within(whole.shape, circle) for circle in refined]
@@ -143,27 +146,37 @@ def _inside(light: NDArray[np.float32], circle: Circle, share: float) -> tuple[A
     return part[inner].astype(np.float64), away[inner]
 
 
-def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
-    """The outline by the edges that rays from the middle meet near it."""
+def _refined(light: NDArray[np.float32], circle: Circle, focal_px: float) -> Circle:
+    """The outline by the edges that rays from the middle meet near it.
+
+    Edges of a sphere lie on a cone from the camera, which away from the middle of the picture is
+    seen as an ellipse: a circle would follow a part of it.
+    """
+    size = light.shape[1], light.shape[0]
     angles = np.arange(_RAYS) * 2 * np.pi / _RAYS
     across = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     steps = np.linspace(*_EDGE, _STEPS) * circle.radius
     for _ in range(2):
         at = (circle.x, circle.y) + across[:, None] * steps[:, None] - 0.5
         part, left, top = _around(light, circle, float(steps[-1]))
-        x, y = (np.ascontiguousarray(at[..., i] - (left, top)[i], np.float32) for i in (0, 1))
-        profile = cv2.remap(part, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        u, v = (np.ascontiguousarray(at[..., i] - (left, top)[i], np.float32) for i in (0, 1))
+        profile = cv2.remap(part, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         profile = cv2.GaussianBlur(profile, (_BLUR, 1), 0)
         slope = np.abs(np.gradient(profile, axis=1)).sum(axis=2)
         edges = (circle.x, circle.y) + across * steps[slope.argmax(axis=1)][:, None]
-        start = np.array([circle.x, circle.y, circle.radius])
-        fit = least_squares(
-            lambda c, edges=edges: np.hypot(*(edges - c[:2]).T) - c[2],
-            start,
-            loss="cauchy",
-            f_scale=_OFF * circle.radius,
-        )
-        circle = Circle(x=fit.x[0], y=fit.x[1], radius=max(float(fit.x[2]), 1.0))
+        rays = view_rays(edges[:, 0], edges[:, 1], focal_px, size)
+
+        def beyond(cone: Array, rays: Array = rays) -> Array:
+            """Angles (n,) between edges and a cone (x, y, angle), all by the focal length."""
+            axis = view_rays(cone[:1], cone[1:2], focal_px, size)[0]
+            apart = np.arctan2(np.linalg.norm(np.cross(rays, axis), axis=1), rays @ axis)
+            return np.asarray(apart * focal_px - cone[2])
+
+        half = float(beyond(np.array([circle.x, circle.y, 0.0])).mean())
+        start = np.array([circle.x, circle.y, half])
+        fit = least_squares(beyond, start, loss="cauchy", f_scale=_OFF * half)
+        x, y, half = fit.x.tolist()
+        circle = sphere_outline((x, y), max(half, 1.0) / focal_px, focal_px, size)
     return circle
 
 

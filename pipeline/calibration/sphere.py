@@ -15,6 +15,11 @@ Array = NDArray[np.float64]
 
 _NARROWEST = 0.05  # cos(θ − α) cos(θ + α) of the cone, below which its edge is a grazing ray's
 
+_TOO_NEAR = (
+    "The sphere is too near to the camera, or the focal length too short: step back, or check the "
+    "focal length."
+)
+
 
 @dataclass(frozen=True)
 class SphereView:
@@ -43,16 +48,39 @@ def view_sphere(
     axis_angle, half_angle = _cone(float(np.hypot(*middle)), circle.radius / focal_px)
     aside = middle / max(float(np.hypot(*middle)), 1e-12)
     centre = np.array([*(aside * np.sin(axis_angle)), -np.cos(axis_angle)])
-    rays = unit(
-        np.stack(
-            [(x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px, -np.ones_like(x)], axis=1
-        )
-    )
+    rays = view_rays(x, y, focal_px, size)
     along = rays @ centre
     radius = np.sin(half_angle)
     inside = np.maximum(radius**2 - (1 - along**2), 0.0)
     distance = along - np.sqrt(inside)
     return SphereView(unit(rays * distance[:, None] - centre), -rays, distance)
+
+
+def view_rays(x: Array, y: Array, focal_px: float, size: tuple[int, int]) -> Array:
+    """Directions (n, 3), unit, from the camera through pixels (n,); x right, y up, z to it."""
+    across, up = (x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px
+    return unit(np.stack([across, up, -np.ones_like(across)], axis=1))
+
+
+def sphere_outline(
+    middle: tuple[float, float], half_angle: float, focal_px: float, size: tuple[int, int]
+) -> Circle:
+    """Middle and area of the ellipse that a sphere's outline is, for view_sphere.
+
+    middle: pixel (x, y) at which the sphere's own middle is seen, which is not the ellipse's.
+    half_angle: of the cone of rays around the sphere, radians. Raises OptionError for a sphere too
+    near, or too far to the side.
+    """
+    aside = np.array(middle) - np.array(size) / 2
+    offset = float(np.hypot(*aside)) / focal_px
+    axis_angle = np.arctan(offset)
+    narrow = np.cos(axis_angle - half_angle) * np.cos(axis_angle + half_angle)
+    if axis_angle + half_angle >= np.pi / 2 or narrow <= _NARROWEST:
+        raise OptionError(_TOO_NEAR)
+    near, far = np.tan(axis_angle - half_angle), np.tan(axis_angle + half_angle)
+    radius = np.sqrt((far - near) / 2 * np.sin(half_angle) / np.sqrt(narrow)) * focal_px
+    moved = aside * (((near + far) / 2 / offset) if offset > 0 else 1.0) + np.array(size) / 2
+    return Circle(x=float(moved[0]), y=float(moved[1]), radius=float(radius))
 
 
 def _cone(offset: float, radius: float) -> tuple[float, float]:
@@ -69,7 +97,4 @@ def _cone(offset: float, radius: float) -> tuple[float, float]:
         near, far = float(np.arctan(offset - reach)), float(np.arctan(offset + reach))
         if np.cos(near) * np.cos(far) > _NARROWEST:
             return (near + far) / 2, (far - near) / 2
-    raise OptionError(
-        "The sphere is too near to the camera, or the focal length too short: step back, or check "
-        "the focal length."
-    )
+    raise OptionError(_TOO_NEAR)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
-from tests.cluttered import SIZE, Plan, Room, Target, photograph_room
+from tests.cluttered import FOCAL_PX, SIZE, Plan, Room, Target, photograph_room
 from tests.evaluation.environment import settle
 from tests.evaluation.tables import markdown
 
@@ -69,7 +69,7 @@ def _offs(room: Room, wanted: Target) -> list[float]:
         true = room.corners
         pitch = float(np.linalg.norm(true[1] - true[0])) / 5
         return [float(np.abs(one.corners - true).max()) / pitch for one in found]
-    spheres = find_spheres(no_flash, flash, wanted == "mirror")
+    spheres = find_spheres(no_flash, flash, wanted == "mirror", FOCAL_PX)
     true_circle = room.circle
     if true_circle is None:
         return [np.inf] * len(spheres)

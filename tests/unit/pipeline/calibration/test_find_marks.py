@@ -53,7 +53,7 @@ def test_an_overexposed_chart_is_refused(pair: Callable[..., Pair]) -> None:
 
 def test_no_sphere_is_said(pair: Callable[..., Pair]) -> None:
     with pytest.raises(MarkError, match=r"No matt grey sphere was found.* give the option sphere,"):
-        find_sphere(pair("none", 1), mirror=False)
+        find_sphere(pair("none", 1), False, 1000.0)
 
 
 def test_marks_are_drawn_where_they_are(pair: Callable[..., Pair]) -> None:

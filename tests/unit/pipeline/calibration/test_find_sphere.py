@@ -5,8 +5,12 @@ import pytest
 
 from pipeline.calibration.find_sphere import _refined, find_spheres
 from pipeline.calibration.marks import disc
+from pipeline.calibration.sphere import sphere_outline
 from pipeline.options import Circle
-from tests.cluttered import Room, photograph_room
+from tests.cluttered import FOCAL_PX, Room, photograph_room
+
+FLAT = 1e6
+"""Focal length in pixels by which outlines are circles."""
 
 
 def _lights(room: Room) -> tuple[np.ndarray, np.ndarray]:
@@ -16,7 +20,7 @@ def _lights(room: Room) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("mirror", [False, True])
 def test_the_outline_of_a_sphere_is_found(mirror: bool) -> None:
     room = photograph_room("mirror" if mirror else "matt", 1)
-    (found,) = find_spheres(*_lights(room), mirror)
+    (found,) = find_spheres(*_lights(room), mirror, FOCAL_PX)
     true = room.circle
     assert true is not None
     for name in ("x", "y", "radius"):
@@ -25,11 +29,11 @@ def test_the_outline_of_a_sphere_is_found(mirror: bool) -> None:
 
 @pytest.mark.parametrize("mirror", [False, True])
 def test_a_room_without_a_sphere_has_none(mirror: bool) -> None:
-    assert find_spheres(*_lights(photograph_room("none", 2)), mirror) == []
+    assert find_spheres(*_lights(photograph_room("none", 2)), mirror, FOCAL_PX) == []
 
 
 def test_a_matt_sphere_is_no_mirror() -> None:
-    assert find_spheres(*_lights(photograph_room("matt", 3)), True) == []
+    assert find_spheres(*_lights(photograph_room("matt", 3)), True, FOCAL_PX) == []
 
 
 def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -48,7 +52,7 @@ def test_a_sphere_of_two_colours_is_none(tint: float, found: int) -> None:
     noise = np.random.default_rng(1).normal(0, 0.002, (2, *paint.shape))
     flash = inside * shade + 0.3 * (1 - inside)
     lamps = np.full_like(flash, 0.2) + 0.1 * (1 - inside)
-    assert len(find_spheres(lamps + noise[0], flash + noise[1], mirror=False)) == found
+    assert len(find_spheres(lamps + noise[0], flash + noise[1], False, FLAT)) == found
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.1, 1), (0.2, 1), (0.22, 0)])
@@ -59,7 +63,7 @@ def test_a_mirror_shows_the_flash_small(size: float, found: int) -> None:
     noise = np.random.default_rng(1).normal(0, 0.002, (2, *spot.shape))
     flash = np.maximum(inside * (0.02 + spot) + 0.3 * (1 - inside) + noise[0], 0)
     lamps = np.full_like(flash, 0.1) + 0.2 * (1 - inside)
-    assert len(find_spheres(lamps + noise[1], flash, mirror=True)) == found
+    assert len(find_spheres(lamps + noise[1], flash, True, FLAT)) == found
 
 
 @pytest.mark.parametrize("margin", [0, 1, 2, 3, 6])
@@ -83,11 +87,38 @@ def test_a_matt_sphere_near_the_edge_is_found_inside_the_picture(margin: int, si
     lamps = np.repeat((inside * 0.2 + 0.3 * (1 - inside))[..., None], 3, axis=2)
     noise = np.random.default_rng(1).normal(0, 0.002, (2, height, width, 3))
 
-    (found,) = find_spheres(lamps + noise[0], flash + noise[1], mirror=False)
+    (found,) = find_spheres(lamps + noise[0], flash + noise[1], False, FLAT)
 
     assert (found.x, found.y, found.radius) == pytest.approx((x, y, radius), abs=1.0)
     read = disc((height, width), found, "sphere")
     assert read.sum() == pytest.approx(np.pi * radius**2, rel=0.03)
+
+
+@pytest.mark.parametrize(("x", "y"), [(200.0, 150.0), (290.0, 90.0), (335.0, 235.0)])
+@pytest.mark.parametrize("focal_px", [250.0, 2000.0])
+def test_the_outline_of_a_sphere_beside_the_axis_is_an_ellipse(
+    x: float, y: float, focal_px: float
+) -> None:
+    """Whose semi-axes differ by a fifth in the corner of a wide-angle lens.
+
+    x, y: where the middle of a sphere is seen.
+    """
+    height, width = 300, 400
+    v, u = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([(u - 200) / focal_px, (150 - v) / focal_px, -np.ones_like(u)], axis=2)
+    axis = np.array([(x - 200) / focal_px, (150 - y) / focal_px, -1])
+    cosine = rays @ axis / np.linalg.norm(rays, axis=2) / np.linalg.norm(axis)
+    half_angle = 40 / focal_px / (axis @ axis)
+    inside = np.clip((half_angle - np.arccos(np.minimum(cosine, 1))) * focal_px + 0.5, 0, 1)
+    light = np.repeat((0.2 + 0.6 * inside)[..., None], 3, axis=2).astype(np.float32)
+    true = sphere_outline((x, y), half_angle, focal_px, (width, height))
+
+    marked = Circle(x=true.x + 1, y=true.y - 1, radius=true.radius)
+    found = _refined(light, marked, focal_px)
+
+    assert (found.x, found.y, found.radius) == pytest.approx(
+        (true.x, true.y, true.radius), abs=0.25
+    )
 
 
 @pytest.mark.parametrize("x", [32_745.2, 32_850.3, 32_968.4])
@@ -101,8 +132,8 @@ def test_an_outline_is_refined_in_pictures_of_any_size(x: float) -> None:
     strip = np.repeat(disc[..., None], 3, axis=2).astype(np.float32)
     wide = np.concatenate([np.full((100, 32_700, 3), 0.5, np.float32), strip], axis=1)
 
-    found = _refined(wide, Circle(x=x + 1, y=50, radius=41))
-    alone = _refined(strip, Circle(x=x + 1 - 32_700, y=50, radius=41))
+    found = _refined(wide, Circle(x=x + 1, y=50, radius=41), FLAT)
+    alone = _refined(strip, Circle(x=x + 1 - 32_700, y=50, radius=41), FLAT)
 
     assert (found.x - 32_700, found.y, found.radius) == pytest.approx(
         (alone.x, alone.y, alone.radius), abs=0.01

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.calibration.sphere import view_sphere
+from pipeline.calibration.sphere import sphere_outline, view_sphere
 from pipeline.errors import OptionError
 from pipeline.options import Circle
 
@@ -48,6 +48,21 @@ def test_points_lie_on_the_sphere(axis: float, half: float) -> None:
     assert (np.einsum("ij,ij->i", view.normals, view.towards) > 0).all()
     # the pixel that a ray goes through
     assert -view.towards[:, 0] / view.towards[:, 2] * FOCAL + SIZE[0] / 2 == pytest.approx(x)
+
+
+@pytest.mark.parametrize(("axis", "half"), [(0.0, 0.1), (0.3, 0.05), (0.7, 0.3), (0.0, 1.3)])
+def test_the_outline_of_a_sphere_is_that_of_its_rays(axis: float, half: float) -> None:
+    true = _outline(axis, half)
+    seen_at = (SIZE[0] / 2 + FOCAL * np.tan(axis), SIZE[1] / 2)
+    found = sphere_outline(seen_at, half, FOCAL, SIZE)
+    assert (found.x, found.y) == pytest.approx((true.x, true.y), abs=1e-3)
+    assert found.radius == pytest.approx(true.radius, rel=1e-5)
+
+
+@pytest.mark.parametrize(("axis", "half"), [(0.9, 0.65), (0.9, 0.8), (0.0, 1.4)])
+def test_a_sphere_too_near_has_no_outline(axis: float, half: float) -> None:
+    with pytest.raises(OptionError, match="too near"):
+        sphere_outline((SIZE[0] / 2 + FOCAL * np.tan(axis), SIZE[1] / 2), half, FOCAL, SIZE)
 
 
 def test_axes_are_right_up_and_to_the_viewer() -> None:
