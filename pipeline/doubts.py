@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hui2018.separation import published_layers
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
+from pipeline.lamps.model import Model
 from pipeline.lamps.shadows import light_in_shadows
 from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Method
@@ -19,6 +21,7 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.residual_map import MARKED, relative_residual
 from pipeline.result_names import lamp_name
 from pipeline.run_warnings import Code, RunWarning
+from pipeline.separation.possible import off_possible
 from pipeline.separation.pure_light import without_pure_light
 
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
@@ -30,6 +33,7 @@ _MUCH_CLIPPED = 0.05  # share of the picture
 _MUCH_MARKED = 0.015  # the same
 _MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
 _SHARP = 250  # blocks along the longer side; in smaller pairs neighbours lie in a shadow's rim
+_MUCH_IMPOSSIBLE = 0.1  # of the light, root mean square: such layers have less than 20 dB
 _LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
     "best": "are filled in from their surroundings",
     "paper": "are as published and cannot be relied on",
@@ -59,6 +63,28 @@ def doubts(
         *_of_photographs(pair, reduced, method),
         *_of_lamps(reduced, lamps, hidden, in_shadows, where),
     ]
+
+
+def doubts_of_published(reduced: ReducedPair, lamps: Lamps, model: Model) -> list[RunWarning]:
+    """Warn of layers of the method "paper" that no lamps can have made.
+
+    Equation 3 gives what its solution is, be it negative or far from the photograph. What its
+    layers miss all possible ones by is the least that they miss the true ones by.
+    """
+    use = reduced.usable
+    light, flash = reduced.no_flash[use][None], reduced.flash[use][None]
+    layers = published_layers(light, flash, lamps.coefficients, model.tensor, model.published)
+    off, whole = off_possible(light, layers), np.linalg.norm(light, axis=-1)
+    every = float(np.linalg.norm(off) / np.linalg.norm(whole))
+    if every <= _MUCH_IMPOSSIBLE:
+        return []
+    share = float(np.mean(off > MARKED * whole))
+    message = (
+        f"The layers as published cannot be right: in {share:.1%} of the picture they are negative "
+        f"or do not add up to the photograph, and all in all miss it by {every:.0%} of its light, "
+        "root mean square. The method best has no such layers."
+    )
+    return [RunWarning(Code.LAYERS_IMPOSSIBLE, message, {"share": share, "off": every})]
 
 
 def expected_snr_db(angle_deg: float, noise: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.doubts import doubts
+from pipeline.doubts import doubts, doubts_of_published
 from pipeline.images.frames import Frame
 from pipeline.lamps.known_lamps import find_known
 from pipeline.lamps.lamps import Lamps, estimate_lamps
@@ -60,6 +60,8 @@ def make_estimate(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
     )
     warnings = [*doubts(pair, reduced, lamps, options.method, wanted)]
+    if options.method == "paper":
+        warnings += doubts_of_published(reduced, lamps, model)
     facing = None
     if options.light_directions is not None and wanted & outputs_with("facing"):
         # imported only here: few ask for it, and it brings half of SciPy

@@ -42,6 +42,7 @@ class Code(StrEnum):
     LAMPS_AMBIGUOUS = "lamps_ambiguous"
     REFLECTIONS = "reflections"
     NO_PURE_LIGHT = "no_pure_light"
+    LAYERS_IMPOSSIBLE = "layers_impossible"
     PIN_NOT_PURE = "pin_not_pure"
     PIN_CONTRADICTED = "pin_contradicted"
     FORBIDDEN_LAMP_SHOWS = "forbidden_lamp_shows"

@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline import doubts as doubts_module
-from pipeline.doubts import doubts, expected_snr_db, relative_noise
+from pipeline.doubts import doubts, doubts_of_published, expected_snr_db, relative_noise
+from pipeline.hui2018.separation import published_layers
+from pipeline.lamps.model import Model
 from pipeline.output_names import DEFAULT_OUTPUTS
 from pipeline.pair.flash_reach import FlashReach
 from pipeline.pair.reduced import reduce_pair
@@ -77,6 +79,55 @@ def test_published_layers_are_not_said_to_be_filled_in(
     assert (weak.code, clipped.code) == (Code.FLASH_TOO_WEAK, Code.CLIPPED)
     assert f"where the layers {layers}; 50% can be separated" in weak.message
     assert f"where the layers {layers}: expose both shorter." in clipped.message
+
+
+def test_published_layers_that_lamps_can_have_made_are_not_warned_of(
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+
+    assert doubts_of_published(reduce_pair(pair), lamps_of(warm_to_cool[[0, 2]]), model) == []
+
+
+def test_published_layers_that_do_not_add_up_are_told(
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+) -> None:
+    """The light of a bulb and of blue sky, from a bulb and a green lamp."""
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    reduced = reduce_pair(pair)
+    lamps = lamps_of(warm_to_cool[:2])
+
+    (warning,) = doubts_of_published(reduced, lamps, model)
+
+    layers = published_layers(
+        reduced.no_flash, reduced.flash, lamps.coefficients, model.tensor, model.published
+    )
+    missing = np.linalg.norm(layers.sum(axis=0) - reduced.no_flash)
+    assert warning.code == Code.LAYERS_IMPOSSIBLE
+    # each of two layers takes half of what is missing
+    least = missing / np.linalg.norm(reduced.no_flash) / np.sqrt(2)
+    assert warning.figures["off"] >= 0.99 * least > 0.1
+    assert 0.2 < warning.figures["share"] <= 1.0
+
+
+def test_published_layers_that_are_negative_are_told(
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+) -> None:
+    """Of a lamp that is red beyond all others: they add up, with light taken away."""
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    reduced = reduce_pair(pair)
+    beyond = warm_to_cool[0] + 1.5 * (warm_to_cool[0] - warm_to_cool[2])
+    lamps = lamps_of(np.array([beyond / np.linalg.norm(beyond), warm_to_cool[2]]))
+
+    (warning,) = doubts_of_published(reduced, lamps, model)
+
+    layers = published_layers(
+        reduced.no_flash, reduced.flash, lamps.coefficients, model.tensor, model.published
+    )
+    np.testing.assert_allclose(layers.sum(axis=0), reduced.no_flash, atol=1e-3)
+    assert layers.min() < -0.05
+    assert warning.code == Code.LAYERS_IMPOSSIBLE
+    assert f"in {warning.figures['share']:.1%} of the picture they are negative" in warning.message
 
 
 def test_four_lamps_are_told_instead_of_what_they_leave(

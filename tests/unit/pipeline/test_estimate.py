@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline import estimate as estimate_module
 from pipeline.errors import OptionError
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.images.frames import Frame
@@ -14,6 +15,7 @@ from pipeline.lamps.model import Model, build_model
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.reduced import reduce_pair
 from pipeline.progress import Progress
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 
@@ -103,3 +105,15 @@ def test_a_pinned_area_that_shows_nothing_is_refused(
 ) -> None:
     with pytest.raises(OptionError, match="area of pinned lamp 1 is too small to tell a light"):
         estimated(pinned_lamps=[{"x": 20, "y": 10, "radius": 0.5}])
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_impossible_layers_are_told_of_the_method_that_makes_them(
+    estimated: Callable[..., Estimate],
+    monkeypatch: pytest.MonkeyPatch,
+    method: Literal["best", "paper"],
+) -> None:
+    told = RunWarning(Code.LAYERS_IMPOSSIBLE, "They cannot be right.")
+    monkeypatch.setattr(estimate_module, "doubts_of_published", lambda *_: [told])
+
+    assert (told in estimated(method=method).warnings) == (method == "paper")
