@@ -95,6 +95,8 @@ class UsbTransport(Transport):
         """Take the next data or response container."""
         deadline = self._clock.monotonic() + self._answer_s
         with self._translated():
+            if not self._received and not self._read(deadline):
+                self._read(deadline)  # one empty packet may come first
             while len(self._received) < _HEADER_BYTES:
                 self._read_more(deadline)
             length = struct.unpack_from("<I", self._received)[0]
@@ -122,7 +124,6 @@ class UsbTransport(Transport):
         return len(self._received)
 
     def _read_more(self, deadline: float) -> None:
-        # one empty packet may come first
         if not self._read(deadline) and not self._read(deadline):
             raise ProtocolError("The camera broke a container off")
 
