@@ -9,7 +9,8 @@ import pytest
 
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.pair import Pair
-from tests.targets import Shot
+from tests.targets import Shot, other_colorchecker, photograph_chart
+from tests.unit.pipeline.calibration.runs import LAMP, LED, S
 
 
 @pytest.fixture(scope="session")
@@ -27,3 +28,8 @@ def pair_of(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
         return replace(pair_of(no_flash, flash - no_flash), **{**given, **more})
 
     return build
+
+
+@pytest.fixture(scope="session")
+def chart() -> Shot:
+    return photograph_chart(S, LED, LAMP, other_colorchecker(), noise=1.0)

@@ -26,35 +26,20 @@ from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.vectors import unit
-from tests.evaluation.spectra import sensitivities
 from tests.targets import (
     CIRCLE,
     CORNERS,
     FOCAL_PX,
     Shot,
-    other_colorchecker,
-    photograph_chart,
     photograph_sphere,
 )
+from tests.unit.pipeline.calibration.runs import LED, S, run
 
-S, LED, LAMP = sensitivities("Nikon D5100"), find_light("led"), find_light("A")
 DIRECTIONS = unit(np.array([(-0.9, 0.3, 0.2), (0.7, -0.5, 0.4)]))
 
 
-@pytest.fixture(scope="module")
-def chart() -> Shot:
-    return photograph_chart(S, LED, LAMP, other_colorchecker(), noise=1.0)
-
-
-def _run(shot: Shot, folder: Path, **options: Any) -> dict[str, Any]:
-    given = {"encoding": "linear", "exposure_ratio": 1.0, **options}
-    return calibrate_files(
-        *shot.files, CALIBRATION_OPTIONS.validate_python(given), folder, Progress()
-    )
-
-
 def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) -> None:
-    manifest = _run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
+    manifest = run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
     data = (tmp_path / "flash.json").read_bytes()
     spectrum = find_light(parse_spectrum(data))
     seen, true = S @ spectrum, S @ LED
@@ -78,7 +63,7 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
 
 def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
     card = {"x": 14, "y": 120, "radius": 12}
-    found = _run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    found = run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
     spectrum = find_light(parse_spectrum((tmp_path / "flash.json").read_bytes()))
     seen, true = S @ spectrum, S @ LED
     assert found["patches"] == 1
@@ -93,8 +78,8 @@ def test_a_flash_is_as_strong_as_its_light_on_white(chart: Shot, tmp_path: Path)
     luminosity = cie_1931()[1] / cie_1931()[1].sum()
     white = float(colorchecker_spectra()[18] @ luminosity)
 
-    by_card = _run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
-    by_chart = _run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")["found"]
+    by_card = run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    by_chart = run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")["found"]
 
     seen = green[disc(green.shape, Circle(**card), "card")].mean()
     assert by_card["strength"] == pytest.approx(seen / 0.18, rel=1e-3)
@@ -108,12 +93,12 @@ def test_the_manifest_tells_the_photographs_and_what_was_assumed(
     chart: Shot, tmp_path: Path
 ) -> None:
     card = {"x": 14, "y": 120, "radius": 12}
-    manifest = _run(chart, tmp_path, kind="flash", card=card, exposure_ratio=None)
+    manifest = run(chart, tmp_path, kind="flash", card=card, exposure_ratio=None)
     for name, data in zip(("no_flash", "flash"), chart.files, strict=True):
         assert manifest["inputs"][name]["sha256"] == hashlib.sha256(data).hexdigest()
     assert "exposure_assumed" in [warning["code"] for warning in manifest["warnings"]]
     assert "exposure_assumed" not in [
-        warning["code"] for warning in _run(chart, tmp_path, kind="flash", card=card)["warnings"]
+        warning["code"] for warning in run(chart, tmp_path, kind="flash", card=card)["warnings"]
     ]
 
 
@@ -123,16 +108,16 @@ def test_a_flash_like_no_light_has_no_temperature(chart: Shot, tmp_path: Path) -
     nm = [380.0 + 5 * i for i in range(81)]
     table = {"wavelength_nm": nm, **dict(zip("rgb", green.tolist(), strict=True))}
     card = {"x": 14, "y": 120, "radius": 12}
-    found = _run(chart, tmp_path, kind="flash", card=card, camera=table)["found"]
+    found = run(chart, tmp_path, kind="flash", card=card, camera=table)["found"]
     assert (found["cct_k"], found["duv"]) == (None, None)
 
 
 def test_a_camera_is_found_under_a_flash_of_a_table(chart: Shot, tmp_path: Path) -> None:
     nm = [380.0 + 5 * i for i in range(81)]
     flash = {"wavelength_nm": nm, "power": LED.tolist()}
-    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=flash)["found"]
+    found = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=flash)["found"]
     assert (found["nearest"], found["flash"]) == ("Nikon D5100", "table")
-    by_name = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
+    by_name = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
     assert found["misfit"] == by_name["misfit"] < 0.03
 
 
@@ -141,80 +126,8 @@ def test_a_camera_of_a_known_matrix_may_be_like_itself(
 ) -> None:
     own = Camera("own", S, "approximate")
     monkeypatch.setattr(module, "find_camera", lambda *_: own)
-    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
+    found = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
     assert found["known_cameras"] == 3
-
-
-@pytest.mark.parametrize("camera", [None, "Nikon D5100"])
-def test_a_rendered_picture_may_tell_the_flash(
-    chart: Shot, tmp_path: Path, camera: str | None
-) -> None:
-    card = {"x": 14, "y": 120, "radius": 12}
-    manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb", camera=camera)
-    assert manifest["found"]["patches"] == 1
-    (warning,) = _of_the_camera(manifest)
-    assert warning["code"] == "rendered_srgb"
-    assert "the spectrum of the flash is approximate" in warning["message"]
-    assert ("The camera named describes" in warning["message"]) is (camera is not None)
-
-
-def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
-    manifest = _run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12})
-    assert manifest["found"]["camera"] == {"name": "sRGB", "source": "stand-in"}
-    (warning,) = _of_the_camera(manifest)
-    assert warning["code"] == "camera_approximate"
-    assert "were taken for linear sRGB. Name their camera with --camera." in warning["message"]
-
-
-def test_a_camera_of_a_matrix_may_tell_the_flash(
-    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("own", S, "approximate"))
-    manifest = _run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12})
-    (warning,) = _of_the_camera(manifest)
-    assert warning["code"] == "camera_approximate"
-    assert warning["message"].endswith("name a measured camera or send its table for exact work.")
-
-
-@pytest.mark.parametrize(
-    ("encoding", "camera", "warned"),
-    [("linear", None, True), ("linear", "Nikon D5100", False), ("raw", None, False)],
-)
-def test_linear_files_may_not_hold_what_the_sensor_of_their_camera_gives(
-    chart: Shot,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    encoding: str,
-    camera: str | None,
-    warned: bool,
-) -> None:
-    """Of a measured camera, which RAW files and converted ones name alike."""
-    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), encoding=encoding))
-    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("Nikon D5100", S, "measured"))
-    card = {"x": 14, "y": 120, "radius": 12}
-
-    found = _of_the_camera(_run(chart, tmp_path, kind="flash", card=card, camera=camera))
-
-    assert [warning["code"] for warning in found] == ["camera_approximate"] * warned
-    assert all("The files name the Nikon D5100" in warning["message"] for warning in found)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"kind": "flash", "card": {"x": 14, "y": 120, "radius": 12}, "camera": "Nikon D5100"},
-        {"kind": "camera", "chart": CORNERS},
-    ],
-)
-def test_a_camera_that_is_known_or_asked_for_is_not_warned_of(
-    chart: Shot, tmp_path: Path, options: dict[str, Any]
-) -> None:
-    assert _of_the_camera(_run(chart, tmp_path, **options)) == []
-
-
-def _of_the_camera(manifest: dict[str, Any]) -> list[dict[str, Any]]:
-    codes = {"rendered_srgb", "camera_approximate"}
-    return [warning for warning in manifest["warnings"] if warning["code"] in codes]
 
 
 def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
@@ -226,7 +139,7 @@ def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
         ((no_flash, flash[:300_000]), InputError, "photograph with the flash"),
     ):
         with pytest.raises(error, match=words):
-            _run(Shot(chart.frames, files), tmp_path, kind="camera", chart=CORNERS)
+            run(Shot(chart.frames, files), tmp_path, kind="camera", chart=CORNERS)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -235,7 +148,7 @@ def test_no_file_of_the_folder_changes_the_flashes_that_a_camera_is_tried_with(
 ) -> None:
     (tmp_path / "LED-B5.csv").write_text("wavelength_nm,power\n400,1\n700,9\n")
     monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
-    found = _run(chart, tmp_path / "out", kind="camera", chart=CORNERS)["found"]
+    found = run(chart, tmp_path / "out", kind="camera", chart=CORNERS)["found"]
     assert (found["nearest"], found["flash"]) == ("Nikon D5100", "LED-B5")
 
 
@@ -243,7 +156,7 @@ def test_no_file_of_the_folder_changes_the_flashes_that_a_camera_is_tried_with(
 def test_a_camera_is_saved_as_separations_read_it(
     chart: Shot, tmp_path: Path, told: str | None
 ) -> None:
-    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)["found"]
+    found = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)["found"]
     table = parse_sensitivities((tmp_path / "camera.json").read_bytes())
     curves = np.array([table.r, table.g, table.b])
     cosines = (curves * S).sum(1) / np.linalg.norm(curves, axis=1) / np.linalg.norm(S, axis=1)
@@ -254,7 +167,7 @@ def test_a_camera_is_saved_as_separations_read_it(
 
 def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS, np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)]))
-    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=2)
+    manifest = run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=2)
     lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
     read = [DirectedLight.model_validate(light) for light in lights]
     assert np.array([light.direction for light in read]) == pytest.approx(
@@ -285,7 +198,7 @@ def test_lamps_without_green_are_calibrated(
     tmp_path: Path,
 ) -> None:
     shot = photograph_sphere(DIRECTIONS[: len(colours)], np.array(colours))
-    _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=len(colours))
+    run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=len(colours))
     lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
     read = [DirectedLight.model_validate(light) for light in lights]
     if len(set(rgb)) < len(rgb):  # lamps of one colour come in either order
@@ -296,7 +209,7 @@ def test_lamps_without_green_are_calibrated(
 
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]), flash_at=(0.12, 0.0))
-    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]
+    warnings = run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]
     said = {warning["code"]: warning["message"] for warning in warnings}
     assert said["flash_aside"].startswith("The flash shines from 7° beside")
     assert said["focal_length_assumed"].startswith("The focal length is not known")
@@ -321,7 +234,7 @@ def test_one_lamp_that_is_kept_is_warned_of(
     }
     monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(**few))
     monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), model="D5100"))
-    warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE, setup=setup)["warnings"]
+    warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE, setup=setup)["warnings"]
     said = [one["message"] for one in warnings if one["code"] == "kept_unusable"]
     assert len(said) == warned
     assert all("kept for the set-up 'table' will be left out" in message for message in said)
@@ -333,7 +246,7 @@ def test_nothing_is_kept_for_a_camera_that_is_not_known(
 ) -> None:
     """No separation would ever use it."""
     with pytest.raises(OptionError, match=r"of which camera they are.*: leave the set-up out"):
-        _run(chart, tmp_path, kind=kind, setup="default")
+        run(chart, tmp_path, kind=kind, setup="default")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -366,7 +279,7 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
 
     monkeypatch.setattr(module, "estimate_lamps", estimate)
     marked = {"kind": "lamps", "sphere": CIRCLE, "lights": 2, "focal_px": FOCAL_PX}
-    found = _run(ball, tmp_path / "new" / "folder", **marked)["found"]
+    found = run(ball, tmp_path / "new" / "folder", **marked)["found"]
 
     assert asked == [Circle(**CIRCLE), 2, FOCAL_PX]
     assert [light["strength"] for light in found["lights"]] == [1.0, 0.001]
@@ -388,7 +301,7 @@ def test_lamps_that_fix_no_normals_are_refused(
 
     marked = {"kind": "lamps", "mirror": mirror, "sphere": CIRCLE, "focal_px": FOCAL_PX}
     with pytest.raises(UnusablePairError, match=r"The 3 lamps found .* fixes no normals"):
-        _run(ball, tmp_path / "out", **marked)
+        run(ball, tmp_path / "out", **marked)
 
     assert not (tmp_path / "out").exists()
 
@@ -399,7 +312,7 @@ def test_what_a_mirror_does_not_tell_is_left_out(
     unknown = _lamps(misfit=None, flash_aside_deg=None)
     monkeypatch.setattr(module, "mirror_lamps", lambda *_: unknown)
     marked = {"kind": "lamps", "mirror": True, "sphere": CIRCLE, "focal_px": FOCAL_PX}
-    manifest = _run(ball, tmp_path, **marked)
+    manifest = run(ball, tmp_path, **marked)
     assert set(manifest["found"]) == {"lights", "sphere"}
     assert "flash_aside" not in [warning["code"] for warning in manifest["warnings"]]
 
@@ -413,52 +326,16 @@ def test_a_flash_may_be_five_degrees_beside(
     warned: bool,
 ) -> None:
     monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(flash_aside_deg=aside_deg))
-    warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
     figures = [said["figures"] for said in warnings if said["code"] == "flash_aside"]
     assert figures == ([{"angle_deg": aside_deg}] if warned else [])
-
-
-def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="rendered to sRGB"):
-        _run(chart, tmp_path, kind="camera", chart=CORNERS, encoding="srgb")
-    assert list(tmp_path.iterdir()) == []
-
-
-def _profiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let files say by a linear profile what colours they hold."""
-    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), profiled=True))
-
-
-def test_the_colours_of_a_profile_tell_no_sensitivities(
-    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _profiled(monkeypatch)
-    with pytest.raises(OptionError, match="the colours that their profile says"):
-        _run(chart, tmp_path, kind="camera", chart=CORNERS)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("camera", [None, "Nikon D5100"])
-def test_the_colours_of_a_profile_may_tell_the_flash(
-    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str | None
-) -> None:
-    _profiled(monkeypatch)
-    card = {"x": 14, "y": 120, "radius": 12}
-    manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
-    (warning,) = _of_the_camera(manifest)
-    assert warning["code"] == "camera_approximate"
-    assert warning["message"].startswith(
-        "The photographs hold linear values in the colours that their profile says, not those of a "
-        "sensor: the spectrum of the flash is approximate. Send RAW files for exact work."
-    )
-    assert ("The camera named describes" in warning["message"]) is (camera is not None)
 
 
 def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
     red_for_blue = {"wavelength_nm": [380.0 + 5 * i for i in range(81)]}
     table = {**red_for_blue, "r": S[2].tolist(), "g": S[1].tolist(), "b": S[0].tolist()}
     with pytest.raises(UnusablePairError, match="check the marks and the camera"):
-        _run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
+        run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
 
 
 @pytest.mark.parametrize("kind", ["flash", "camera", "lamps"])
@@ -469,7 +346,7 @@ def test_what_is_found_says_what_it_was_found_with(
     monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), **said))
     monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps())
     marks = {"lamps": {"sphere": CIRCLE}}.get(kind, {"chart": CORNERS})
-    manifest = _run(ball if kind == "lamps" else chart, tmp_path, kind=kind, **marks)
+    manifest = run(ball if kind == "lamps" else chart, tmp_path, kind=kind, **marks)
 
     content = json.loads((tmp_path / FILES[kind]).read_bytes())
     for saved in content["lights"] if kind == "lamps" else [content]:
@@ -489,7 +366,7 @@ def test_a_named_camera_that_does_not_fit_is_used_and_told(
     camera = {**table, "taken_with": {"encoding": encoding}}
     card = {"x": 14, "y": 120, "radius": 12}
 
-    manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
+    manifest = run(chart, tmp_path, kind="flash", card=card, camera=camera)
 
     assert manifest["found"]["camera"]["source"] == "file"
     codes = [warning["code"] for warning in manifest["warnings"]]
@@ -501,14 +378,14 @@ def test_a_run_that_fails_while_it_writes_leaves_no_manifest_of_the_run_before(
     chart: Shot, tmp_path: Path, full: str
 ) -> None:
     card = {"x": 14, "y": 120, "radius": 12}
-    _run(chart, tmp_path, kind="flash", card=card)
+    run(chart, tmp_path, kind="flash", card=card)
     with pytest.raises(OptionError):  # refused: what was found before is whole
-        _run(chart, tmp_path, kind="flash", card={**card, "x": 9000})
+        run(chart, tmp_path, kind="flash", card={**card, "x": 9000})
     assert (tmp_path / "manifest.json").exists()
     (tmp_path / full).unlink()
     (tmp_path / full).mkdir()  # cannot be written
     with pytest.raises(OSError, match="directory"):
-        _run(chart, tmp_path, kind="flash", card=card)
+        run(chart, tmp_path, kind="flash", card=card)
     assert not (tmp_path / "manifest.json").exists()
 
 
