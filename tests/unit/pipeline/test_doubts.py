@@ -16,6 +16,7 @@ from pipeline.output_names import DEFAULT_OUTPUTS
 from pipeline.pair.flash_reach import FlashReach
 from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning
+from pipeline.separation.possible import off_possible
 
 Array = NDArray[np.float64]
 Build = Callable[..., Any]
@@ -127,6 +128,9 @@ def test_published_layers_that_are_negative_are_told(
     np.testing.assert_allclose(layers.sum(axis=0), reduced.no_flash, atol=1e-3)
     assert layers.min() < -0.05
     assert warning.code == Code.LAYERS_IMPOSSIBLE
+    off = off_possible(reduced.no_flash, layers) / np.linalg.norm(reduced.no_flash, axis=-1)
+    assert warning.figures["share"] == pytest.approx(np.mean(off > 0.1), abs=1e-3)
+    assert np.mean(off > 0.05) > np.mean(off > 0.1) > np.mean(off > 0.2)
     assert f"in {warning.figures['share']:.1%} of the picture they are negative" in warning.message
 
 
