@@ -37,7 +37,7 @@ DOUBTFUL = 0.5
 UNSURE = 0.3
 """Confidence in three lamps where there are signs of a fourth."""
 
-# Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md and
+# Chosen on development scenes, exact, noisy and JPEGs (docs/trials/number_of_lamps.md and
 # docs/decisions/0032-compression-noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _SURELY_SECOND = 1500.0  # gloss gains less
