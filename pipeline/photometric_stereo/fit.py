@@ -14,7 +14,7 @@ from pipeline.progress import Tick
 
 Array = NDArray[np.float64]
 
-# Chosen on development objects (docs/decisions/0006-normals-by-a-surface.md)
+# Chosen on development objects (docs/trials/normals.md)
 _SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)  # see Objective
 _SCALES_AGAIN, _ROUNDS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.003, 0.003), 2
 _STEPS = 3  # at each scale

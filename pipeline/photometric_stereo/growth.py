@@ -20,7 +20,7 @@ from pipeline.progress import Tick
 
 Parts = NDArray[np.intp]
 
-# Chosen on development objects (docs/decisions/0006-normals-by-a-surface.md)
+# Chosen on development objects (docs/trials/normals.md)
 _LEAST_SEED = 0.05  # of the surface
 _BENDS = (0.15, 0.4, np.inf)  # at most, slope per pixel: what a part goes on to smoothly is its own
 _MOST_ALBEDO_OFF = 8.0  # standard deviations
