@@ -24,7 +24,7 @@ from pipeline.run_warnings import Code, RunWarning
 from pipeline.separation.possible import off_possible
 from pipeline.separation.pure_light import without_pure_light
 
-# Chosen on development scenes (docs/decisions/0009-warnings.md)
+# Chosen on development scenes (docs/trials/warnings.md)
 _UNSURE = 0.6  # confidence in the number of lamps
 _SIMILAR_DEGREES = 6.0
 _RIVAL_DEGREES = 5.0

@@ -8,7 +8,7 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.proportions import model_proportions
 
-# Chosen on development scenes (docs/decisions/0009-warnings.md)
+# Chosen on development scenes (docs/trials/warnings.md)
 _OUTERMOST = 0.995  # quantile: where a lamp shines alone, found a little off as it may be
 _ALONE, _NEARLY = 0.01, 0.05  # below it
 _GATHERED = 0.45  # of the pixels nearly of one lamp are of it alone where it shines alone
