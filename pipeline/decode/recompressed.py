@@ -21,7 +21,7 @@ _ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pix
 _ENOUGH = 500_000  # pixels
 _USUAL_SAMPLING, _USUAL_QUALITY = 2, 92  # 4:2:0
 # of Pillow's 4:4:4, 4:2:2, 4:2:0: what colours lose by sampling is lost once; measured:
-# docs/decisions/0032-compression-noise.md
+# docs/trials/compression_noise.md
 _REPEATED = ((1.0, 1.0, 1.0), (0.8, 1.0, 0.8), (0.6, 0.8, 0.6))
 
 
@@ -67,7 +67,7 @@ def compressed_as_jpeg(codes: NDArray[np.uint8] | NDArray[np.uint16]) -> Recompr
 
     Cameras sample the colours of both at every second pixel, which changes them most, and how
     finely HEVC coded the rest does not show in the pixels
-    (docs/decisions/0032-compression-noise.md).
+    (docs/trials/compression_noise.md).
 
     codes: (H, W, 3) RGB. Returns None as recompressed does.
     """

@@ -38,7 +38,7 @@ UNSURE = 0.3
 """Confidence in three lamps where there are signs of a fourth."""
 
 # Chosen on development scenes, exact, noisy and JPEGs (docs/trials/number_of_lamps.md and
-# docs/decisions/0032-compression-noise.md)
+# docs/trials/compression_noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _SURELY_SECOND = 1500.0  # gloss gains less
 _WITHIN_COLOURS = 0.04  # of what one lamp leaves over, that surfaces of one colour do not share
