@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _TELLING_LAMPS = 2  # one lamp leaves the outline to chance, and any camera explains it
 _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
-# Chosen on development rooms (docs/decisions/0031-whose-colours.md)
+# Chosen on development rooms (docs/trials/whose_colours.md)
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
