@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import itertools
 import os
 import shutil
 import threading
@@ -23,6 +24,7 @@ from service.durable import FULL
 from service.errors import StorageFullError
 
 _CHUNK = 1024 * 1024
+_PIECE = 4 * _CHUNK  # that a request to S3 asks for
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
 
 _FULL_SIGNS = (*(f"(os error {number})" for number in FULL), "507 Insufficient Storage")
@@ -121,17 +123,27 @@ class Storage:
 
     def chunks(self, key: str) -> Iterator[bytes]:
         """Read an object piece by piece. Raises FileNotFoundError at once."""
-        with self._bucket():
-            found = obstore.get(self._store, key)
-        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
+        return self.stream(key, 0, self.size(key))
 
     def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
-        """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once."""
+        """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once.
+
+        From S3 each is a request of its own, and over before it is handed on: a request has a time
+        limit, which whoever takes long over what has come, as on a slow line, would run into.
+        """
         if start == end:
             return iter(())
-        with self._bucket():
+        if self._folder is not None:
             found = obstore.get(self._store, key, options={"range": (start, end)})
-        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
+            return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
+        places = range(start, end, _PIECE)
+        first = self._piece(key, start, end)
+        return itertools.chain([first], (self._piece(key, place, end) for place in places[1:]))
+
+    def _piece(self, key: str, start: int, end: int) -> bytes:
+        with self._bucket():
+            stop = min(start + _PIECE, end)
+            return bytes(obstore.get_range(self._store, key, start=start, end=stop))
 
     def link(self, key: str, seconds: float) -> str | None:
         """Sign a URL that reads an object without a password, for a time; None for a folder.

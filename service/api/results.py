@@ -149,7 +149,7 @@ async def get_result(
     with deleted_meanwhile():
         chunks = await context.fetch(context.storage.stream, key, start, end)
     return StreamingResponse(
-        context.stream(chunks),
+        context.stream(_until_deleted(chunks)),
         206 if part else 200,
         headers=headers,
         media_type=result["media_type"],
@@ -181,6 +181,11 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
 
     def chunks() -> Iterator[bytes]:
         with deleted_meanwhile():
-            return context.storage.stream(key, 0, result["size"])
+            yield from context.storage.stream(key, 0, result["size"])
 
     return Member(result["name"], result["size"], chunks)
+
+
+def _until_deleted(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    with deleted_meanwhile():
+        yield from chunks

@@ -43,6 +43,22 @@ def test_a_large_file_is_stored_whole(storage: Storage, tmp_path: Path) -> None:
     assert part == data[10_000_000:10_000_500]
 
 
+def test_no_request_lasts_as_long_as_its_reader(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each piece is one of its own, of which nothing is left to come when it is handed on."""
+    monkeypatch.setattr("service.storage._PIECE", 4)
+    storage.put("jobs/2/a", b"0123456789")
+    storage.put("jobs/2/empty", b"")
+    assert list(storage.chunks("jobs/2/a")) == [b"0123", b"4567", b"89"]
+    assert list(storage.chunks("jobs/2/empty")) == []
+    pieces = storage.stream("jobs/2/a", 1, 10)
+    assert [next(pieces), next(pieces)] == [b"1234", b"5678"]
+    storage.delete("jobs/2/a")
+    with pytest.raises(FileNotFoundError):
+        next(pieces)
+
+
 def test_only_what_lies_below_is_deleted(storage: Storage) -> None:
     for key in ("jobs/3/1/a", "jobs/3/1/b", "jobs/3/10/a"):
         storage.put(key, b"")

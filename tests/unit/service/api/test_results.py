@@ -220,6 +220,25 @@ def test_a_zip_is_broken_off_when_its_job_is_deleted(
     assert (told.getMessage(), told.exc_info) == ("answer broken off: gone", None)
 
 
+@pytest.mark.parametrize("what", ["results/lamp1.jpg", "results.zip"])
+def test_a_file_that_is_deleted_in_its_middle_is_broken_off(
+    what: str,
+    http: httpx.Client,
+    job: str,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def cut(*_arguments: object) -> Iterator[bytes]:
+        yield b"01234"
+        raise FileNotFoundError  # as the next piece of a large one in S3
+
+    monkeypatch.setattr(Storage, "stream", cut)
+    with pytest.raises(httpx.RemoteProtocolError):
+        http.get(f"{job}/{what}")
+    (told,) = [record for record in caplog.records if record.name == "service.api"]
+    assert (told.getMessage(), told.exc_info) == ("answer broken off: gone", None)
+
+
 @pytest.mark.parametrize("what", ["results", "results/lamp1.jpg", "results.zip", "area"])
 def test_downloads_from_a_store_that_hangs_leave_threads_to_others(
     what: str, http: httpx.Client, job: str, monkeypatch: pytest.MonkeyPatch
