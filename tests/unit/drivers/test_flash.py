@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import gc
 import http.server
 import signal
 import socket
 import ssl
+import subprocess
 import sys
 import threading
 import time
@@ -165,6 +167,32 @@ def test_a_command_that_does_not_end_is_an_error(
     monkeypatch.setattr("drivers.flash.SWITCH_S", 0.1)
     with pytest.raises(FlashError, match=r"failed, as it did not end within 0\.1 seconds:"):
         switched(ExternalFlash("sh -c 'exec sleep 5' {state}", brightness), clock)
+
+
+def test_a_command_is_given_ten_seconds(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    limits: list[object] = []
+
+    def run(_command: list[str], **how: object) -> None:
+        limits.append(how["timeout"])
+
+    monkeypatch.setattr(subprocess, "run", run)
+    switched(ExternalFlash("relay {state}", brightness), clock)
+    assert limits == [10.0, 10.0]
+
+
+def test_a_url_is_given_ten_seconds_in_all(
+    clock: Clock, relay: tuple[str, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits: list[float | None] = []
+    timeout = asyncio.timeout
+
+    def limit(seconds: float | None) -> asyncio.Timeout:
+        limits.append(seconds)
+        return timeout(seconds)
+
+    monkeypatch.setattr(asyncio, "timeout", limit)
+    switched(ExternalFlash(relay[0] + "/{state}?turn", brightness), clock)
+    assert limits == [10.0, 10.0]
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import sqlalchemy as sa
 
 from service.api.context import Context
 from service.api.uploaded import bring_uploaded
+from service.frames import FRAMES
 from service.rows import database, uploads
 from service.settings import Settings
 from service.storage import Storage
@@ -198,6 +199,19 @@ class TestProtocol:
         assert problem_of(answer)[:2] == (413, "upload-too-large")
         assert offset_of(http, place) == 0
         assert context.storage.list("") == []
+
+    def test_what_came_in_earlier_pieces_counts_for_the_length(self, http: httpx.Client) -> None:
+        place = create(http, 6)
+        patch(http, place, 0, b"abc")
+        headers = {**PIECE, "Upload-Offset": "3"}
+        answer = http.patch(place, content=iter([b"de", b"fg"]), headers=headers)
+        assert problem_of(answer) == (
+            413,
+            "upload-too-large",
+            "The upload has 6 bytes by its Upload-Length; more came.",
+        )
+        assert offset_of(http, place) == 3
+        assert patch(http, place, 3, b"def").headers["upload-offset"] == "6"
 
     @pytest.mark.parametrize("algorithm", ["sha1", "sha256"])
     def test_a_checksum_that_does_not_fit_discards_the_piece(
@@ -452,16 +466,26 @@ class TestJobs:
         )
         assert rows_of(context) == []
 
-    @pytest.mark.parametrize("change", ["owner", "expires"])
+    @pytest.mark.parametrize("frame", FRAMES)
+    @pytest.mark.parametrize("change", [{"owner": "x"}, {"expires": 1.0}], ids=["owner", "expires"])
     def test_uploads_of_others_and_of_the_past_are_refused(
-        self, change: str, http: httpx.Client, pair: dict[str, str], context: Context
+        self,
+        change: dict[str, Any],
+        frame: str,
+        http: httpx.Client,
+        pair: dict[str, str],
+        context: Context,
     ) -> None:
         with context.engine.begin() as connection:
-            values: dict[str, Any] = {"owner": "x", "expires": 1.0}
-            connection.execute(sa.update(database.uploads).values(**{change: values[change]}))
-        status, kind, detail = problem_of(http.post("/jobs", json={"uploads": pair}))
-        assert (status, kind) == (422, "invalid-option")
-        assert detail.startswith("uploads.no_flash: there is no upload ")
+            one = database.uploads.c.id == pair[frame]
+            connection.execute(sa.update(database.uploads).where(one).values(change))
+        assert problem_of(http.post("/jobs", json={"uploads": pair})) == (
+            422,
+            "invalid-option",
+            f"uploads.{frame}: there is no upload {pair[frame]!r}; it may have expired, or a job "
+            "may have used it.",
+        )
+        assert rows_of(context) == []
 
     @pytest.mark.parametrize(
         ("body", "words"),

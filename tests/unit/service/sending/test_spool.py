@@ -202,6 +202,25 @@ def test_a_full_disk_keeps_no_pair_from_leaving(
     assert json.loads((again.folder / "uploads.json").read_bytes()) == {"flash": "2"}
 
 
+@pytest.mark.parametrize("leaves", ["sent", "refused"])
+def test_a_pair_in_the_place_of_one_that_left_has_no_uploads(
+    spool: Spool, monkeypatch: pytest.MonkeyPatch, leaves: str
+) -> None:
+    def replace(_path: Path, _data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "replace", replace)
+    pair = spool.add("shot", PAIR, {})
+    spool.note_uploads(pair, {"flash": "1"})
+    if leaves == "sent":
+        spool.remove(pair)
+    else:
+        spool.put_aside(pair, "The pair is black.")
+    again = spool.add("shot", PAIR, {})
+    assert again.folder == pair.folder
+    assert spool.uploads(again) == {}
+
+
 @pytest.mark.parametrize("number", [5, 30])
 def test_another_fault_of_the_disk_is_one(
     spool: Spool, monkeypatch: pytest.MonkeyPatch, number: int
