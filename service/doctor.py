@@ -65,7 +65,7 @@ def examine() -> Iterator[Finding]:
     except ValidationError as error:
         yield Finding("wrong", "settings", sentence_of(error))
         return
-    for look in (_folder, _database, _store, _belonging, _disk, _memory, _files, _kernels, _ports):
+    for look in (_folder, _database, _store, _disk, _memory, _files, _kernels, _ports):
         yield from look(settings)
 
 
@@ -203,7 +203,7 @@ def _store(settings: Settings) -> Iterator[Finding]:
         return
     except StorageFullError as error:
         yield Finding("wrong", "store", str(error))
-        yield from _room(storage, settings)
+        yield from _answering(storage, settings)
         return
     except (BaseError, OSError) as error:
         yield Finding(
@@ -215,16 +215,22 @@ def _store(settings: Settings) -> Iterator[Finding]:
         return
     grade: Literal["ok", "wrong"] = "ok" if read == b"light" else "wrong"
     yield Finding(grade, "store", "what is written can be read, listed and deleted.")
+    yield from _answering(storage, settings)
+
+
+def _answering(storage: Storage, settings: Settings) -> Iterator[Finding]:
+    """What a store tells that answers; one that hangs would keep waiting whoever asks again."""
     yield from _room(storage, settings)
+    yield from _belonging(storage, settings)
 
 
-def _belonging(settings: Settings) -> Iterator[Finding]:
-    """Whose the store is; nothing where database or store do not answer, which is told already."""
+def _belonging(storage: Storage, settings: Settings) -> Iterator[Finding]:
+    """Whose the store is; nothing where the database does not answer, which is told already."""
     if _is_missing_file(settings.database_url):
         return
     try:
-        storage, engine = open_storage(settings), database.connect(settings.database_url)
-    except (StartError, sa.exc.SQLAlchemyError, ValueError, OSError, ImportError):
+        engine = database.connect(settings.database_url)
+    except (sa.exc.SQLAlchemyError, ValueError, OSError, ImportError):
         return
     try:
         migrations.check(engine)
