@@ -27,5 +27,8 @@ def live_on(connection: sa.Connection, host: str) -> bool:
 
 def living(connection: sa.Connection, silence_seconds: float) -> set[str]:
     """Workers heard of lately. Forgets the others."""
+    # The database's clock was set back: the dead would live until it is as late again.
+    late = sa.update(workers).where(workers.c.seen > now())
+    connection.execute(late.values(seen=now()))
     connection.execute(sa.delete(workers).where(workers.c.seen < now() - silence_seconds))
     return set(connection.execute(sa.select(workers.c.id)).scalars())

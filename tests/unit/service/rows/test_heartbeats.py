@@ -25,3 +25,15 @@ def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
         connection.execute(sa.update(database.workers).values(seen=database.workers.c.seen - 100))
         heartbeats.beat(connection, "w2")
         assert heartbeats.living(connection, 15) == {"w2"}
+
+
+def test_a_worker_that_died_before_the_clock_was_set_back_is_dead_in_time(
+    engine: sa.Engine,
+) -> None:
+    seen = database.workers.c.seen
+    with engine.begin() as connection:
+        heartbeats.beat(connection, "w1")
+        connection.execute(sa.update(database.workers).values(seen=seen + 3600))
+        assert heartbeats.living(connection, 15) == {"w1"}  # it may live, and beat in a moment
+        connection.execute(sa.update(database.workers).values(seen=seen - 16))
+        assert heartbeats.living(connection, 15) == set()
