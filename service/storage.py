@@ -123,7 +123,11 @@ class Storage:
 
     def chunks(self, key: str) -> Iterator[bytes]:
         """Read an object piece by piece. Raises FileNotFoundError at once."""
-        return self.stream(key, 0, self.size(key))
+        with self._bucket():
+            found = obstore.get(self._store, key)
+        if self._folder is None and found.meta["size"] > _PIECE:
+            return self.stream(key, 0, found.meta["size"])
+        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
     def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
         """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once.

@@ -51,7 +51,9 @@ def test_no_request_lasts_as_long_as_its_reader(
     storage.put("jobs/2/a", b"0123456789")
     storage.put("jobs/2/empty", b"")
     assert list(storage.chunks("jobs/2/a")) == [b"0123", b"4567", b"89"]
-    assert list(storage.chunks("jobs/2/empty")) == []
+    storage.put("jobs/2/small", b"0123")
+    small = [list(storage.chunks(f"jobs/2/{name}")) for name in ("small", "empty")]
+    assert small == [[b"0123"], []]
     pieces = storage.stream("jobs/2/a", 1, 10)
     assert [next(pieces), next(pieces)] == [b"1234", b"5678"]
     storage.delete("jobs/2/a")
