@@ -44,8 +44,19 @@ log = logging.getLogger("service.serve")
 def serve(settings: Settings, worker: bool) -> None:
     """Serve until a signal says stop; a worker that was started does not outlive this process.
 
-    worker: false for a service whose workers run elsewhere. Raises StartError.
+    worker: false for a service whose workers run elsewhere. SIGTERM ends the process from here.
+    Raises StartError.
     """
+    try:
+        _serve(settings, worker)
+    except SystemExit as stop:
+        tracing.flush()
+        logging.shutdown()
+        # Threads that a store holds up would keep the process for minutes.
+        os._exit(stop.code if isinstance(stop.code, int) else 0)
+
+
+def _serve(settings: Settings, worker: bool) -> None:
     processes.share_memory(_MEMORY_POOLS)
     logs.configure()
     for sentence in faults():
