@@ -8,14 +8,14 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.problems import answer_of
-from service.errors import BusyError, SlowRequestError
+from service.errors import BusyError, SlowRequestError, UnreadyError
 from service.settings import Settings
 
 _ALWAYS = "/healthz"
 
 
 class Limits:
-    """Refuses requests beyond a number, and ends those whose body stops coming."""
+    """Refuses requests beyond a number, and ends those whose body stops coming, or by a stop."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -31,9 +31,20 @@ class Limits:
             busy = BusyError(f"{self._running} requests are being answered; send it again shortly.")
             await answer_of(busy, Request(scope))(scope, receive, send)
             return
+        begun = False
+
+        async def send_on(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
         self._running += 1
         try:
-            await self._app(scope, _hurried(receive, settings.pause_seconds), send)
+            await self._app(scope, _hurried(receive, settings.pause_seconds), send_on)
+        except asyncio.CancelledError:  # it took longer than a service that stops waits for it
+            if not begun:
+                cut = UnreadyError("The service has stopped meanwhile; send it again.")
+                await answer_of(cut, Request(scope))(scope, receive, send)
         finally:
             self._running -= 1
 

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
+import asyncio
+import json
 import socket
 import threading
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 
 from service.api import jobs as routes
 from service.api.context import Context
+from service.api.limits import Limits
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 
@@ -16,6 +21,45 @@ from tests.unit.service.asking import post_capture, problem_of
 def _connect(http: httpx.Client) -> socket.socket:
     address = urlsplit(str(http.base_url))
     return socket.create_connection((address.hostname, address.port), timeout=60)
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_request_that_a_stop_cuts_off_may_be_sent_again(begun: bool, settings: Settings) -> None:
+    start: Message = {"type": "http.response.start", "status": 200, "headers": []}
+    sent: list[Message] = []
+
+    async def app(_scope: Scope, _receive: Receive, send: Send) -> None:
+        if begun:
+            await send(start)
+        await asyncio.Event().wait()
+
+    async def receive() -> Message:
+        return {"type": "http.request"}
+
+    async def note(message: Message) -> None:
+        sent.append(message)
+
+    async def cut() -> None:
+        state = SimpleNamespace(context=SimpleNamespace(settings=settings))
+        scope = {"type": "http", "path": "/jobs", "app": SimpleNamespace(state=state)}
+        request = asyncio.create_task(
+            Limits(app)(scope | {"state": {"trace_id": "1" * 32}}, receive, note)
+        )
+        await asyncio.sleep(0)
+        request.cancel()
+        await request
+
+    asyncio.run(cut())
+    if begun:
+        assert sent == [start]
+        return
+    assert sent[0]["status"] == 503
+    problem = json.loads(sent[1]["body"])
+    assert (problem["type"], problem["retryable"], problem["detail"]) == (
+        "urn:lightlayers:problem:service-not-ready",
+        True,
+        "The service has stopped meanwhile; send it again.",
+    )
 
 
 class TestFewRequests:
