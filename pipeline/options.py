@@ -19,8 +19,8 @@ from pydantic import (
     model_validator,
 )
 
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
+from pipeline.taken_with import TakenWith
 
 Vector = tuple[float, float, float]
 _NotNegative = Annotated[float, Field(ge=0)]

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 from pydantic import BaseModel, Field
 
-from pipeline.calibration.taken_with import TakenWith
+from pipeline.taken_with import TakenWith
 from service.capture import Capture
 from service.problems import Problem
 from service.rows import eta, jobs, kept, waiting

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline.calibration.options import Kind
+from pipeline.taken_with import Kind
 
 KINDS: dict[str, Kind] = {
     "camera": "camera",

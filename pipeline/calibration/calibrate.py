@@ -25,7 +25,6 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.calibration.patches import Patches
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
 from pipeline.errors import OptionError, UnusablePairError
@@ -46,6 +45,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.taken_with import TakenWith
 
 _FAR_ASIDE_DEG = 5.0  # of the flash beside the lens, seen from the sphere
 _GREY_CARD = 0.18  # reflectance

@@ -7,14 +7,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pipeline.calibration.options import Kind
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError, own_words
 from pipeline.images.frames import Frame
 from pipeline.options import NO_SETUP, DirectedLight, Options, Sensitivities, Spectrum
 from pipeline.photometric_stereo.directions import unit_directions
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.taken_with import Kind, TakenWith
 
 OPTION_OF: dict[Kind, str] = {
     "camera": "camera",

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipeline.calibration.options import Kind
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.images.frames import Frame
 from pipeline.options import Circle, DirectedLight, PairOptions
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import light_table
+from pipeline.taken_with import Kind, TakenWith
 
 _NAMED: dict[str, tuple[Kind, str]] = {
     "camera": ("camera", "The camera that was named was"),

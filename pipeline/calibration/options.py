@@ -17,9 +17,9 @@ from pipeline.options import (
     Spectrum,
     SpectrumName,
 )
+from pipeline.taken_with import Kind
 
 Point = tuple[float, float]
-Kind = Literal["flash", "camera", "lamps"]
 
 Corners = Annotated[
     tuple[Point, Point, Point, Point],

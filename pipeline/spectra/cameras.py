@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
@@ -23,6 +22,7 @@ from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import packaged_light, reflectance_spectra
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_sensitivities
+from pipeline.taken_with import TakenWith
 
 _PACKAGED = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}
 """Cameras measured in colour-science: their proper names and its own."""

@@ -16,7 +16,7 @@ from service.cli.options import MaybeFlash, PairFlags, with_flags
 from service.cli.parameters import AsJson, output
 
 if TYPE_CHECKING:
-    from pipeline.calibration.options import Kind
+    from pipeline.taken_with import Kind
 
 _SETTLE_SECONDS = 1.0  # that a flash told by a command or URL takes to obey
 

@@ -25,7 +25,7 @@ from service.cli.files import read_file
 from service.cli.keeping import marks_beside
 
 if TYPE_CHECKING:
-    from pipeline.calibration.options import Kind
+    from pipeline.taken_with import Kind
 
 _LIGHTS = TypeAdapter(dict[str, list[DirectedLight]])
 _ROUNDING = 2e-5  # of the length of a direction whose three parts have five digits

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.calibration.kept import Kept
-    from pipeline.calibration.options import Kind
+    from pipeline.taken_with import Kind
 
 
 def folder() -> Path:
@@ -28,8 +28,8 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     Raises pipeline.errors.InputError, and then what was kept before still is.
     """
     from pipeline.calibration.kept import Kept
-    from pipeline.calibration.taken_with import TakenWith
     from pipeline.errors import InputError, reason_of
+    from pipeline.taken_with import TakenWith
     from service import durable
 
     taken_with = TakenWith.model_validate(manifest["taken_with"])

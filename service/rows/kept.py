@@ -10,8 +10,8 @@ from typing import Any
 import sqlalchemy as sa
 
 from pipeline.calibration.kept import DEFAULT_SETUP, Kept
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import NO_SETUP
+from pipeline.taken_with import TakenWith
 from service.rows import jobs
 from service.rows.jobs import Job
 

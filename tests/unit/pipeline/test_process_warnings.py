@@ -12,7 +12,6 @@ import tifffile
 from numpy.typing import NDArray
 
 from pipeline.calibration.kept import Kept
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.errors import (
     OptionError,
@@ -24,6 +23,7 @@ from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.tables import write_spectrum
+from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated, tiff, turned
 
 Array = NDArray[np.float64]

@@ -14,7 +14,6 @@ from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.marks import disc
 from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
@@ -25,6 +24,7 @@ from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.taken_with import TakenWith
 from pipeline.vectors import unit
 from tests.targets import (
     CIRCLE,

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import Options, Spectrum
+from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.calibration.photographs import frame_of
 
 CAMERA = TakenWith(make="NIKON", model="D5100")

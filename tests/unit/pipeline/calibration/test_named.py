@@ -7,10 +7,10 @@ import pytest
 
 from pipeline.calibration.named import named_warnings
 from pipeline.calibration.options import CALIBRATION_OPTIONS
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
 from pipeline.options import Options, PairOptions, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.calibration.photographs import frame_of
 
 NM = [400.0, 550.0, 700.0]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
@@ -21,6 +20,7 @@ from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.taken_with import TakenWith
 from tests.angles import angles
 
 FrameOf = Callable[..., Frame]

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import (
@@ -17,6 +16,7 @@ from pipeline.spectra.tables import (
     write_sensitivities,
     write_spectrum,
 )
+from pipeline.taken_with import TakenWith
 
 CAMERA = "wavelength_nm,R,G,B\n400,0,0,1\n550,0,1,0\n700,1,0,0\n"
 LIGHT = "wavelength_nm,power\n400,1\n550,2\n700,1\n"

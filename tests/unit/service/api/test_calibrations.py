@@ -8,9 +8,9 @@ from typing import Any
 import httpx
 import pytest
 
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.taken_with import TakenWith
 from service.api.context import Context
 from service.rows import cameras, database, jobs, kept
 from tests.unit.service.asking import ended_while_waiting, problem_of

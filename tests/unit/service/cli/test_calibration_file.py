@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.calibration.options import Kind
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import InputError
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.taken_with import Kind, TakenWith
 from service import durable
 from service.cli.calibration_file import check_target, write
 

@@ -8,8 +8,8 @@ import pytest
 import sqlalchemy as sa
 
 from pipeline.calibration.kept import Kept
-from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Spectrum
+from pipeline.taken_with import TakenWith
 from service.rows import database, jobs, kept
 from service.rows.jobs import Job
 from tests.plans import plans

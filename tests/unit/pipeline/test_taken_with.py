@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from pipeline.calibration.taken_with import TakenWith
+from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.calibration.photographs import frame_of
 
 CAMERA = TakenWith(make="NIKON", model="D5100")

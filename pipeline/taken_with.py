@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 if TYPE_CHECKING:
-    from pipeline.calibration.options import Kind
     from pipeline.images.frames import Frame
+
+Kind = Literal["flash", "camera", "lamps"]
+"""What a calibration finds."""
 
 _FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
 _OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
