@@ -1,7 +1,7 @@
 """Figures for Prometheus, on a port of their own, in API and worker processes.
 
-What a process has done is counted as it does it. What is in the database is asked for whenever
-somebody looks, so that every process tells the same.
+What a process has done is in its counters. What is in the database is asked for whenever somebody
+looks, so that every process tells the same.
 """
 
 from __future__ import annotations
@@ -9,37 +9,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import sqlalchemy as sa
-from prometheus_client import REGISTRY, Counter, Histogram, start_http_server
+from prometheus_client import REGISTRY, start_http_server
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from pipeline.errors import reason_of
+from service import counters
 from service.errors import StartError
 from service.problems import STORE_AWAY, kind_of
 from service.rows import census
 from service.settings import Settings
 
-_STAGE_SECONDS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
-
-ACCEPTED = Counter("lightlayers_jobs_accepted", "Jobs that this process accepted.")
-FINISHED = Counter("lightlayers_jobs_finished", "Jobs that this process ended.", ["outcome"])
-STAGE_SECONDS = Histogram(
-    "lightlayers_stage_seconds",
-    "Time that stages of jobs took in this process.",
-    ["stage"],
-    buckets=_STAGE_SECONDS,
-)
-TAKEOVERS = Counter(
-    "lightlayers_takeovers",
-    "Jobs that this process put back into the queue, of workers that died with them in hand.",
-)
-STORE_ERRORS = Counter("lightlayers_store_errors", "Times that the store failed this process.")
-
 
 def count_fault(error: Exception) -> None:
     """Count what went wrong, where a metric is about it."""
     if kind_of(error) is STORE_AWAY:
-        STORE_ERRORS.inc()
+        counters.STORE_ERRORS.inc()
 
 
 class Database(Collector):

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import metrics
+from service import counters
 from service.frames import FRAMES
 from service.object_keys import captured_key
 from service.rows import fairness, queues, quotas
@@ -125,7 +125,7 @@ def add_burst(
     """
     ranks = [_insert(connection, values, seconds) for values, seconds in burst]
     quotas.charge(connection, burst[0][0].get("owner", ""), len(burst))
-    once_committed(connection, partial(metrics.ACCEPTED.inc, len(burst)))
+    once_committed(connection, partial(counters.ACCEPTED.inc, len(burst)))
     return ranks
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import metrics
+from service import counters
 from service.rows.database import jobs, now, once_committed
 from service.rows.states import ENDED, State, before
 
@@ -31,7 +31,7 @@ def move(
         update(sa.and_(which, jobs.c.state.in_(before(state)))).values(values)
     )
     if state in ENDED and state != State.EXPIRED:
-        count = partial(metrics.FINISHED.labels(state.value).inc, moved.rowcount)
+        count = partial(counters.FINISHED.labels(state.value).inc, moved.rowcount)
         once_committed(connection, count)
     return moved.rowcount == 1
 

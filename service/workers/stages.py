@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from opentelemetry.trace import Span
 
-from service import metrics, tracing
+from service import counters, tracing
 
 
 class Stages:
@@ -32,6 +32,6 @@ class Stages:
             stage, began, span = self._running
             spent = self._clock() - began
             self.seconds[stage] = round(self.seconds.get(stage, 0.0) + spent, 3)
-            metrics.STAGE_SECONDS.labels(stage).observe(spent)
+            counters.STAGE_SECONDS.labels(stage).observe(spent)
             span.end()
             self._running = None

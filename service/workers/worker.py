@@ -19,7 +19,7 @@ from functools import partial
 import sqlalchemy as sa
 
 from drivers import SWITCH_S, leave_flash_off
-from service import dbos_queue, logs, metrics, tracing, webhooks
+from service import counters, dbos_queue, logs, metrics, tracing, webhooks
 from service.dbos_queue import Duties, Held, Pace
 from service.errors import AbandonedError, DeadlineError, StartError
 from service.opening import open_database, open_storage
@@ -116,7 +116,7 @@ class Worker:
             taken = {one for one in dead if one.job in lost or not one.runs}
             for one in taken:
                 log.warning("taken over", extra={"job": one.job, "worker": self.id})
-                metrics.TAKEOVERS.inc(one.runs)
+                counters.TAKEOVERS.inc(one.runs)
             for one in forgotten | (dead - taken):
                 log.warning("put back", extra={"job": one.job, "worker": self.id})
             self._fail_overdue()

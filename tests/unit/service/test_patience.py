@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import metrics
+from service import counters
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.patience import passes, patiently
 
@@ -46,11 +46,11 @@ def test_what_passes_is_waited_for_ever_longer() -> None:
 def test_what_hinders_is_named_and_the_stores_faults_are_counted(
     error: Exception, words: str, counted: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    before = metrics.STORE_ERRORS._value.get()
+    before = counters.STORE_ERRORS._value.get()
     patiently(_failing(2, error), 300, lambda _seconds: None, log)
     said = [one.getMessage() for one in caplog.records]
     assert said == [f"hindered, tries again in {wait} s: {words}" for wait in (0.5, 1.0)]
-    assert metrics.STORE_ERRORS._value.get() - before == counted
+    assert counters.STORE_ERRORS._value.get() - before == counted
 
 
 @pytest.mark.parametrize(

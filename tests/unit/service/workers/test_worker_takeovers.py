@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from service import dbos_queue, metrics
+from service import counters, dbos_queue
 from service.dbos_queue import Held
 from service.rows import heartbeats, jobs
 from service.workers import presence
@@ -58,11 +58,11 @@ def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
     ]
     monkeypatch.setattr(one._queue, "held", lambda: held)
     monkeypatch.setattr(one._queue, "put_back", lambda _found: None)
-    before = metrics.TAKEOVERS._value.get()
+    before = counters.TAKEOVERS._value.get()
     one.keep()
     logged = {vars(line)["job"] for line in caplog.records if line.message == "taken over"}
     assert logged == {"a", "b", "c", "sched-often-1"}
-    assert metrics.TAKEOVERS._value.get() - before == 2
+    assert counters.TAKEOVERS._value.get() - before == 2
 
 
 def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
@@ -90,7 +90,7 @@ def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
     put_back: list[set[Held]] = []
     monkeypatch.setattr(one._queue, "held", lambda: held)
     monkeypatch.setattr(one._queue, "put_back", put_back.append)
-    before = metrics.TAKEOVERS._value.get()
+    before = counters.TAKEOVERS._value.get()
     one.keep()
     assert put_back == [set(held)]
     assert {(line.message, vars(line)["job"]) for line in caplog.records} == {
@@ -100,7 +100,7 @@ def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
         ("put back", "never begun"),
         ("put back", "ended"),
     }
-    assert metrics.TAKEOVERS._value.get() - before == 2
+    assert counters.TAKEOVERS._value.get() - before == 2
 
 
 def test_tellings_and_sweeps_that_take_long_are_not_put_back(
