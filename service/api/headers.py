@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -70,14 +70,22 @@ class SafeHeaders:
             await self._app(scope, receive, send)
             return
 
-        async def send_with_defaults(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in _defaults(scope):
-                    headers.setdefault(name, value)
-            await send(message)
+        def add(headers: MutableHeaders) -> None:
+            for name, value in _defaults(scope):
+                headers.setdefault(name, value)
 
-        await self._app(scope, receive, send_with_defaults)
+        await self._app(scope, receive, with_headers(send, add))
+
+
+def with_headers(send: Send, add: Callable[[MutableHeaders], None]) -> Send:
+    """Send an answer after `add` has changed its headers."""
+
+    async def send_with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            add(MutableHeaders(scope=message))
+        await send(message)
+
+    return send_with_headers
 
 
 def _defaults(scope: Scope) -> Iterable[tuple[str, str]]:

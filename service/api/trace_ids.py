@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import uuid
 
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service import tracing
+from service.api.headers import with_headers
 
 
 class TraceIds:
@@ -24,9 +26,7 @@ class TraceIds:
         trace_id = tracing.trace_id(traceparent) or uuid.uuid4().hex
         scope.setdefault("state", {})["trace_id"] = trace_id
 
-        async def send_with_id(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], (b"trace-id", trace_id.encode())]
-            await send(message)
+        def add(headers: MutableHeaders) -> None:
+            headers.append("Trace-Id", trace_id)
 
-        await self._app(scope, receive, send_with_id)
+        await self._app(scope, receive, with_headers(send, add))

@@ -15,11 +15,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.admission import refuse_when_disk_full
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
+from service.api.headers import with_headers
 from service.api.problems import responses
 from service.api.receiving import ALGORITHMS, Checksum, receive
 from service.errors import (
@@ -73,14 +75,11 @@ class Tus:
         if scope["method"] == "POST" and override:
             scope["method"] = override.upper()
 
-        async def send_with_version(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                version = VERSION.encode()
-                own = [(b"tus-resumable", version), (b"tus-version", version)]
-                message["headers"] = [*message["headers"], *own]
-            await send(message)
+        def add(headers: MutableHeaders) -> None:
+            headers.append("Tus-Resumable", VERSION)
+            headers.append("Tus-Version", VERSION)
 
-        await self._app(scope, receive, send_with_version)
+        await self._app(scope, receive, with_headers(send, add))
 
 
 def _check_version(
