@@ -13,6 +13,7 @@ from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
 from pipeline.compiling import exact, spliced
 from pipeline.errors import OptionError
+from pipeline.images.by_matrix import by_matrix
 from pipeline.images.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
 QUALITY = 92
@@ -163,9 +164,7 @@ def _encode(
     for y in range(height):
         for x in range(width):
             r, g, b = linear[0][y, x], linear[1][y, x], linear[2][y, x]
-            red = np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
-            green = np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
-            blue = np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
+            red, green, blue = by_matrix(m, r, g, b)
             grey = _luminance(luminance, red, green, blue)
             lit = _luminance(luminance, max(red, zero), max(green, zero), max(blue, zero))
             grey = min(max(grey, _LEAST_GREY * lit), one)

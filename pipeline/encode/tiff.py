@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.compiling import exact, spliced
+from pipeline.images.by_matrix import by_matrix
 from pipeline.images.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
 from pipeline.images.strips import STRIP_ROWS
 
@@ -89,16 +90,8 @@ def _encode(linear: Planes, m: Numbers, codes: NDArray[np.uint16]) -> None:
     """Take pixels through a matrix and round them to 16 bits."""
     for y in range(codes.shape[0]):
         for x in range(codes.shape[1]):
-            r, g, b = linear[0][y, x], linear[1][y, x], linear[2][y, x]
-            codes[y, x, 0] = _code(
-                np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
-            )
-            codes[y, x, 1] = _code(
-                np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
-            )
-            codes[y, x, 2] = _code(
-                np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
-            )
+            r, g, b = by_matrix(m, linear[0][y, x], linear[1][y, x], linear[2][y, x])
+            codes[y, x, 0], codes[y, x, 1], codes[y, x, 2] = _code(r), _code(g), _code(b)
 
 
 @spliced

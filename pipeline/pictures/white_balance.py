@@ -7,13 +7,11 @@ light held to von Kries's where saturated colours do not tell it.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pipeline.compiling import compiled, inlined
+from pipeline.images.by_matrix import fused_by_matrix
 from pipeline.images.frames import (
-    Colour,
     Image,
     Matrix,
     Numbers,
@@ -176,7 +174,7 @@ def _light(flash: Planes, m: Numbers, lit: Planes) -> None:
     reds, greens, blues = flash
     lit_0, lit_1, lit_2 = lit
     for x in range(len(reds)):
-        lit_0[x], lit_1[x], lit_2[x] = _times(m, reds[x], greens[x], blues[x])
+        lit_0[x], lit_1[x], lit_2[x] = fused_by_matrix(m, reds[x], greens[x], blues[x])
 
 
 @compiled
@@ -199,7 +197,7 @@ def _fill(
         r = g = b = p0 = p1 = p2 = zero
         for j in range(len(matrices)):
             red, green, blue = layers[j, 0, y, x], layers[j, 1, y, x], layers[j, 2, y, x]
-            q0, q1, q2 = _times(matrices[j], red, green, blue)
+            q0, q1, q2 = fused_by_matrix(matrices[j], red, green, blue)
             r, g, b = r + red, g + green, b + blue
             p0, p1, p2 = p0 + q0, p1 + q1, p2 + q2
         rest = one - confidence[x]
@@ -224,7 +222,7 @@ def _by_lamps(
         r, g, b = reds[x], greens[x], blues[x]
         total = zero
         for j in range(len(matrices)):
-            p0, p1, p2 = _times(matrices[j], r, g, b)
+            p0, p1, p2 = fused_by_matrix(matrices[j], r, g, b)
             p0, p1, p2 = max(p0, zero), max(p1, zero), max(p2, zero)
             energy = p0 * p0 + p1 * p1 + p2 * p2
             power = p0 * layers[j, 0, y, x] + p1 * layers[j, 1, y, x] + p2 * layers[j, 2, y, x]
@@ -261,9 +259,9 @@ def _by_strength(
         n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
         inverse = one / np.sqrt(max(r * r + g * g + b * b, least))
         r, g, b = r * inverse, g * inverse, b * inverse
-        a0, b0, c0 = _times(d[0:9], r, g, b)
-        a1, b1, c1 = _times(d[9:18], r, g, b)
-        a2, b2, c2 = _times(d[18:27], r, g, b)
+        a0, b0, c0 = fused_by_matrix(d[0:9], r, g, b)
+        a1, b1, c1 = fused_by_matrix(d[9:18], r, g, b)
+        a2, b2, c2 = fused_by_matrix(d[18:27], r, g, b)
         aa, bb = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
         cc = c0 * c0 + c1 * c1 + c2 * c2
         ab, ac = a0 * b0 + a1 * b1 + a2 * b2, a0 * c0 + a1 * c1 + a2 * c2
@@ -317,16 +315,6 @@ def _finish(
         out_0[x] = rest * red + brightness * w0
         out_1[x] = rest * green + brightness * w1
         out_2[x] = rest * blue + brightness * w2
-
-
-@inlined
-def _times(m: Numbers, r: Any, g: Any, b: Any) -> Colour:
-    """A colour by the matrix m, row by row."""
-    return (
-        np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b,
-        np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b,
-        np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b,
-    )
 
 
 @inlined

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compiling import compiled, inlined
+from pipeline.images.by_matrix import fused_by_matrix
 from pipeline.images.frames import (
     Colour,
     Image,
@@ -215,13 +216,12 @@ def _cubic(terms: Numbers, i: int, a: Any) -> Any:
 @inlined
 def light_of(m: Numbers, terms: Numbers, f: Colour, q: Colour) -> Colour:
     """What a lamp of matrix m, row by row, gives where the flash gives f; q: its colour_of."""
-    return _channel(m, terms, 0, f, q), _channel(m, terms, 1, f, q), _channel(m, terms, 2, f, q)
+    r, g, b = fused_by_matrix(m, f[0], f[1], f[2])
+    return _deviating(r, terms, 0, q), _deviating(g, terms, 1, q), _deviating(b, terms, 2, q)
 
 
 @inlined
-def _channel(m: Numbers, terms: Numbers, k: int, f: Colour, q: Colour) -> Any:
-    i = 3 * k
-    light = np.float32(m[i]) * f[0] + np.float32(m[i + 1]) * f[1] + np.float32(m[i + 2]) * f[2]
+def _deviating(light: Any, terms: Numbers, k: int, q: Colour) -> Any:
     return max(light + q[0] * _polynomial(terms, k, q), np.float32(0.0))
 
 
