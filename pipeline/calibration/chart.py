@@ -63,7 +63,7 @@ def read_card(pair: Pair, circle: Circle) -> Patches:
     """
     mask = disc(pair.unusable.shape, circle, "grey card")
     light = mean_light(pair, mask, "the grey card")
-    check_even(pair, mask, "the grey card")
+    check_even(pair, mask)
     flat = np.ones((1, colorchecker_spectra().shape[1]))
     return Patches(light.flash[None], light.flash_variance[None], flat, np.zeros((1, 2)))
 

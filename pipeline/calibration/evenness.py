@@ -19,11 +19,11 @@ _UNEVEN_COLOUR, _UNEVEN_LIGHT = 0.03, 0.05
 _NOISE = 3.0  # standard deviations: how noise hangs together is known roughly
 
 
-def check_even(pair: Pair, mask: Mask, what: str) -> None:
-    """Raise OptionError where the flash does not show one even surface in an area.
+def check_even(pair: Pair, mask: Mask) -> None:
+    """Raise OptionError where the flash does not show one even surface where a grey card is marked.
 
-    mask: bool (H, W), with usable pixels lit by the flash. what: the area as messages call it.
-    Brightness may shade off, as a square polynomial of the place.
+    mask: bool (H, W), with usable pixels lit by the flash. Brightness may shade
+    off, as a square polynomial of the place.
     """
     flash, variance, places = _cells(pair, mask & ~pair.unusable)
     mean = flash.mean(axis=0)
@@ -38,9 +38,9 @@ def check_even(pair: Pair, mask: Mask, what: str) -> None:
     ):
         if np.square(uneven).mean() > limit**2 + noise:
             raise OptionError(
-                f"The mark of {what} shows more than one even surface in the light of the flash: "
-                "check its coordinates, which are pixels of the photograph without the flash, and "
-                "keep it within the edges, without gloss or shadows."
+                "The mark of the grey card shows more than one even surface in the light of the "
+                "flash: check its coordinates, which are pixels of the photograph without the "
+                "flash, and keep it within the edges, without gloss or shadows."
             )
 
 

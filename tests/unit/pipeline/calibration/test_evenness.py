@@ -39,8 +39,8 @@ def test_shading_and_noise_and_the_light_of_lamps_are_no_edge(
     monkeypatch.setattr(evenness, "_ENOUGH", enough)
     shading = 1 / (1 + np.square(_X) + 0.3 * _Y)[..., None]
     assert np.ptp(shading[_MASK]) > 0.3
-    check_even(lit(_FLASH * shading), _MASK, "the card")
-    check_even(lit(_FLASH * shading, deviation=0.2), _MASK, "the card")
+    check_even(lit(_FLASH * shading), _MASK)
+    check_even(lit(_FLASH * shading, deviation=0.2), _MASK)
 
 
 @pytest.mark.parametrize("beside", [(0.6, 0.5, 0.26), (0.4, 0.33, 0.133), (0.1, 0.1, 0.1)])
@@ -55,22 +55,23 @@ def test_two_surfaces_are_refused(
     pair = lit(np.where((_X < 0.6)[..., None], _FLASH, np.array(beside)))
     with pytest.raises(
         OptionError,
-        match=r"^The mark of the card shows more than one even surface in the light of the flash: "
-        r"check its coordinates, .*, and keep it within the edges, without gloss or shadows\.$",
+        match=r"^The mark of the grey card shows more than one even surface in the light of the "
+        r"flash: check its coordinates, .*, and keep it within the edges, "
+        r"without gloss or shadows\.$",
     ):
-        check_even(pair, _MASK, "the card")
-    check_even(pair, _MASK & (_X < 0.6), "the card")
+        check_even(pair, _MASK)
+    check_even(pair, _MASK & (_X < 0.6))
 
 
 def test_what_is_clipped_is_left_out(lit: Callable[..., Pair]) -> None:
     hot = np.hypot(_X - 0.6, _Y - 0.5) < 0.1
     flash = np.where(hot[..., None], 1.0, _FLASH)
     with pytest.raises(OptionError, match="more than one even surface"):
-        check_even(lit(flash), _MASK, "the card")
-    check_even(lit(flash, unusable=hot), _MASK, "the card")
+        check_even(lit(flash), _MASK)
+    check_even(lit(flash, unusable=hot), _MASK)
 
 
 def test_a_mark_of_few_pixels_is_no_edge(lit: Callable[..., Pair]) -> None:
     few = np.zeros((60, 80), bool)
     few[20:23, 30:33] = True
-    check_even(lit(np.broadcast_to(_FLASH, (60, 80, 3)), 0.02), few, "the card")
+    check_even(lit(np.broadcast_to(_FLASH, (60, 80, 3)), 0.02), few)
