@@ -6,7 +6,7 @@ import io
 import logging
 import math
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -18,7 +18,7 @@ from pipeline.decode.raw_exif import cr3_directories, raf_jpeg
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
 from pipeline.decode.tiff import Tag, holds_raw, tiff_tags
-from pipeline.images.frames import Exposure
+from pipeline.images.frames import CameraFacts, Exposure
 
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 
@@ -45,27 +45,20 @@ _MOST_APEX = 64.0
 
 
 @dataclass(frozen=True)
-class Metadata:
-    """EXIF facts about a photograph; None and "" where the file says nothing usable.
+class Metadata(CameraFacts):
+    """All EXIF facts about a photograph that are read; None where the file says nothing usable.
 
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
     focal_plane: focal length as a share of the picture's long side, from the resolution of the
     focal plane. taken_s: when, in seconds by the camera's own clock, whatever its time zone.
-    adobe_rgb: the values are Adobe RGB. baseline_ev: BaselineExposure of a DNG, in stops.
+    adobe_rgb: the values are Adobe RGB.
     """
 
-    exposure: Exposure = field(default_factory=Exposure)
-    make: str = ""
-    model: str = ""
-    serial: str = ""
-    flash_fired: bool | None = None
-    auto_white_balance: bool | None = None
     orientation: int = 1
     focal_35mm: float | None = None
     focal_plane: float | None = None
     taken_s: float | None = None
     adobe_rgb: bool = False
-    baseline_ev: float = 0.0
 
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.

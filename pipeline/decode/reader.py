@@ -6,7 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
@@ -32,7 +32,7 @@ from pipeline.decode.samples import HDR, Samples, UnsuitableError, turns_sides, 
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
-from pipeline.images.frames import Frame, Mask, Matrix, Photograph
+from pipeline.images.frames import CameraFacts, Frame, Mask, Matrix, Photograph
 from pipeline.images.max_pixels import max_pixels
 from pipeline.images.noise import Noise
 
@@ -87,20 +87,14 @@ def decode(
         saturated=read.saturated,
         encoding=read.encoding,
         sha256=hashlib.sha256(data).hexdigest(),
-        exposure=metadata.exposure,
-        make=metadata.make,
-        model=metadata.model,
-        serial=metadata.serial,
-        flash_fired=metadata.flash_fired,
-        auto_white_balance=metadata.auto_white_balance,
         focal_px=metadata.focal_px(width, height),
         xyz_to_camera=read.xyz_to_camera,
         compression=read.compression,
         profiled=read.profiled,
-        baseline_ev=metadata.baseline_ev,
         empty=read.empty,
         orientation=orientation or header.orientation,
         written_orientation=header.orientation,
+        **{fact.name: getattr(metadata, fact.name) for fact in fields(CameraFacts)},
     )
 
 

@@ -111,8 +111,26 @@ class Exposure:
         return ratio
 
 
+@dataclass(frozen=True, kw_only=True)
+class CameraFacts:
+    """What the camera wrote beside a photograph; None and "" where it wrote nothing usable.
+
+    make, model, serial: of the camera. flash_fired: EXIF Flash bit 0. auto_white_balance: EXIF
+    WhiteBalance is automatic. baseline_ev: BaselineExposure of a DNG, by how many stops its values
+    are shown brighter.
+    """
+
+    exposure: Exposure = field(default_factory=Exposure)
+    make: str = ""
+    model: str = ""
+    serial: str = ""
+    flash_fired: bool | None = None
+    auto_white_balance: bool | None = None
+    baseline_ev: float = 0.0
+
+
 @dataclass(frozen=True)
-class Frame:
+class Frame(CameraFacts):
     """One photograph in linear camera RGB.
 
     pixels: (H, W, 3), linear, 1.0 = white level of the sensor (or of the file), black 0;
@@ -121,16 +139,12 @@ class Frame:
     encoding: how the values came: "raw" (sensor values), "linear" or "srgb" (decoded with the
         sRGB curve, so linear only as far as the camera followed it).
     sha256: hexadecimal digest of the file's bytes.
-    make, model, serial: of the camera, from EXIF, "" where unknown.
-    flash_fired: EXIF Flash bit 0, None where unknown.
-    auto_white_balance: EXIF WhiteBalance is automatic, None where unknown.
     focal_px: focal length in pixels of this frame, None where unknown.
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     compression: the noise that the file's compression added, None where that is not known.
     empty: bool (H, W), true where the file is transparent and shows nothing; None where nowhere.
     profiled: the file says by a linear profile what colours it holds; they became linear sRGB.
     orientation: EXIF's, 1–8, by which the sensor's picture was turned.
-    baseline_ev: BaselineExposure of a DNG, by how many stops its values are shown brighter.
     written_orientation: what the file says of it, which is another where it was read as the other
         photograph of its pair.
     """
@@ -139,17 +153,10 @@ class Frame:
     saturated: Mask
     encoding: str
     sha256: str
-    exposure: Exposure = field(default_factory=Exposure)
-    make: str = ""
-    model: str = ""
-    serial: str = ""
-    flash_fired: bool | None = None
-    auto_white_balance: bool | None = None
     focal_px: float | None = None
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
     profiled: bool = False
-    baseline_ev: float = 0.0
     empty: Mask | None = None
     orientation: int = 1
     written_orientation: int = 1
