@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.separation import published_layers
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
@@ -142,7 +142,7 @@ def _of_lamps(
     reduced: ReducedPair,
     lamps: Lamps,
     hidden: list[int],
-    in_shadows: NDArray[np.float64],
+    in_shadows: Floats64,
     where: str,
 ) -> Iterator[RunWarning]:
     """where: says what shows the places that the lamps do not explain."""
@@ -190,7 +190,7 @@ def _of_lamps(
 
 
 def _of_reflections(
-    reduced: ReducedPair, lamps: Lamps, in_shadows: NDArray[np.float64], where: str
+    reduced: ReducedPair, lamps: Lamps, in_shadows: Floats64, where: str
 ) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
     share = float(np.mean(_spots(marked)[reduced.usable]))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published
 from pipeline.images.frames import Frame
 from pipeline.lamps.known_lamps import find_known
@@ -36,7 +34,7 @@ class Estimate:
     model: Model
     lamps: Lamps
     facing: Facing | None = None
-    changes: NDArray[np.float64] | None = None
+    changes: Floats64 | None = None
     warnings: tuple[RunWarning, ...] = ()
 
 

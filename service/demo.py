@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 import drivers
+from pipeline.arrays import Floats32
 from pipeline.errors import InputError
 from pipeline.options import Options
 from pipeline.result_names import LAYERS, MANIFEST, lamp_name, layer_channels
@@ -42,7 +42,7 @@ LEAST_SNR_DB = 25.0
 _START_SECONDS = 120.0  # of a machine that is busy with other things, too
 _STOP_SECONDS = 15.0
 
-Layers = NDArray[np.float32]
+Layers = Floats32
 
 console = Console(highlight=False)
 
@@ -156,7 +156,7 @@ def match_layers(found: Layers, truth: Layers) -> list[tuple[int, int, float]]:
     return [(int(i), int(j), table[i][j]) for i, j in zip(rows, columns, strict=True)]
 
 
-def layer_snr(layer: NDArray[np.float32], truth: NDArray[np.float32]) -> float:
+def layer_snr(layer: Floats32, truth: Floats32) -> float:
     """10·log₁₀(Σ truth² / Σ (layer − truth)²) in dB over all pixels and channels, not rescaled."""
     signal = np.sum(np.square(truth, dtype=np.float64))
     noise = np.sum(np.square(np.subtract(layer, truth, dtype=np.float64)))

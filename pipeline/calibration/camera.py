@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.patches import Patches
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import STEP_NM
-
-Array = NDArray[np.float64]
 
 # standard deviations from a known camera (docs/decisions/0007-calibration.md)
 _GAIN, _TINT, _TINT_REACH_NM = 0.2, 0.4, 40.0  # relative: of a whole channel, and along it
@@ -33,14 +31,14 @@ class CameraEstimate:
     error of the patches' light as the likeliest estimate predicts it, root mean square.
     """
 
-    sensitivities: Array
+    sensitivities: Floats64
     nearest: str
     flash: str
     misfit: float
 
 
 def estimate_camera(
-    patches: Patches, flashes: Mapping[str, Array], known: Sequence[Camera]
+    patches: Patches, flashes: Mapping[str, Floats64], known: Sequence[Camera]
 ) -> CameraEstimate:
     """Estimate the sensitivities of a camera.
 
@@ -76,7 +74,7 @@ def estimate_camera(
     return CameraEstimate(sensitivities / sensitivities.max(), nearest, flash, misfit)
 
 
-def _of_member(patches: Patches, flash: Array, member: Array) -> tuple[Array, float]:
+def _of_member(patches: Patches, flash: Floats64, member: Floats64) -> tuple[Floats64, float]:
     """Estimate (3, W) about one known camera, and its log evidence."""
     seen_by = patches.reflectances * flash
     curves, evidence = member, 0.0
@@ -101,7 +99,7 @@ def _of_member(patches: Patches, flash: Array, member: Array) -> tuple[Array, fl
     return curves, evidence
 
 
-def _covariance(curve: Array) -> Array:
+def _covariance(curve: Floats64) -> Floats64:
     slope = np.gradient(curve, STEP_NM)
     return np.asarray(
         np.outer(curve, curve) * (_GAIN**2 + _TINT**2 * smooth(_TINT_REACH_NM))
@@ -110,7 +108,7 @@ def _covariance(curve: Array) -> Array:
     )
 
 
-def _predicted(patches: Patches, flash: Array, curves: Array) -> Array:
+def _predicted(patches: Patches, flash: Floats64, curves: Floats64) -> Floats64:
     even = patches.reflectances @ (curves * flash).T
     lit = even * patches.fall_off(even)
     scales = [best_scale(lit[:, k], patches.flash[:, k], patches.tolerance[:, k]) for k in range(3)]

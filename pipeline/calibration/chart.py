@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, PLACES, colour_misfit
 from pipeline.calibration.evenness import check_even
 from pipeline.calibration.light import mean_light
@@ -19,8 +19,6 @@ from pipeline.images.frames import Mask
 from pipeline.options import Circle
 from pipeline.pair.pair import Pair
 from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
-
-Array = NDArray[np.float64]
 
 _HALF_SIDE = 0.25  # of the distance of two patches' middles; a patch has 0.46
 _NO_CHART = 0.3  # relative error of any 3 × 3 matrix from XYZ to what was read
@@ -68,7 +66,7 @@ def read_card(pair: Pair, circle: Circle) -> Patches:
     return Patches(light.flash[None], light.flash_variance[None], flat, np.zeros((1, 2)))
 
 
-def _check_corners(quad: NDArray[np.float32], width: int, height: int) -> None:
+def _check_corners(quad: Floats32, width: int, height: int) -> None:
     if not ((quad >= 0).all() and (quad <= (width, height)).all()):
         raise OptionError(
             f"The corners of the chart are not all inside the photograph of {width} × {height} "
@@ -81,9 +79,7 @@ def _check_corners(quad: NDArray[np.float32], width: int, height: int) -> None:
         )
 
 
-def _patch(
-    to_picture: NDArray[np.float64], column: float, row: float, shape: tuple[int, int]
-) -> Mask:
+def _patch(to_picture: Floats64, column: float, row: float, shape: tuple[int, int]) -> Mask:
     """Pixels of the inner half of a patch."""
     around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * _HALF_SIDE + (column, row)
     corners = cv2.perspectiveTransform(around[None].astype(np.float64), to_picture)[0]
@@ -93,7 +89,7 @@ def _patch(
     return np.asarray(mask.astype(bool))
 
 
-def _check_order(flash: Array) -> None:
+def _check_order(flash: Floats64) -> None:
     """Raise OptionError unless the corners in this order explain the colours best."""
     numbers = np.arange(ROWS * COLUMNS).reshape(ROWS, COLUMNS)
     orders = {

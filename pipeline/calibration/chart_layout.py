@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
 from pipeline.spectra.observer import cie_1931
-
-Array = NDArray[np.float64]
 
 CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
 """The outer patches, clockwise."""
@@ -20,7 +19,7 @@ PLACES = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.floa
 """Places (24, 2) of all patches, column and row, in their order."""
 
 
-def colour_misfit(light: Array, patches: NDArray[np.intp] | None = None) -> float:
+def colour_misfit(light: Floats64, patches: NDArray[np.intp] | None = None) -> float:
     """Relative error that the best matrix from the patches' XYZ to their light (n, 3) leaves.
 
     patches: (n,) which of the 24 they are, row by row from 0; None for all, in their order. Light

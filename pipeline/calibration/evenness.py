@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.calibration.light import lights_of
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
 from pipeline.pair.pair import Pair
-
-Array = NDArray[np.float64]
 
 _CELLS = 8  # along a side of the area
 _ENOUGH = 2**18  # pixels
@@ -44,7 +42,7 @@ def check_even(pair: Pair, mask: Mask) -> None:
             )
 
 
-def _cells(pair: Pair, open_: Mask) -> tuple[Array, Array, Array]:
+def _cells(pair: Pair, open_: Mask) -> tuple[Floats64, Floats64, Floats64]:
     """Mean light of the flash (n, 3) in cells of an area, its variance, and places (n, 2) in −1…1.
 
     open_: bool (H, W), not empty.
@@ -56,7 +54,7 @@ def _cells(pair: Pair, open_: Mask) -> tuple[Array, Array, Array]:
     numbers = (scaled * _CELLS).astype(np.intp) @ (_CELLS, 1)
     _, cells, counts = np.unique(numbers, return_inverse=True, return_counts=True)
 
-    def means(values: NDArray[np.floating]) -> Array:
+    def means(values: Floats) -> Floats64:
         sums = [np.bincount(cells, column, len(counts)) for column in values.T]
         return np.stack(sums, axis=1) / counts[:, None]
 

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.calibration.chart_layout import CORNERS, PLACES, colour_misfit
 from pipeline.calibration.marks import on_screen
 from pipeline.calibration.quads import Quad, find_quads
 from pipeline.spectra.colorchecker import COLUMNS, ROWS
-
-Array = NDArray[np.float64]
 
 _LONG_SIDE = 1200  # pixels of the picture in which patches are looked for
 _LEAST = 8  # patches that must show as areas of their own
@@ -33,12 +32,12 @@ class FoundChart:
     misfit: relative error of the patches' colours. patches: how many showed by themselves.
     """
 
-    corners: Array
+    corners: Floats64
     misfit: float
     patches: int
 
 
-def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
+def find_charts(light: Floats) -> list[FoundChart]:
     """Find all ColorCheckers in linear light (H, W, 3) of one colour, the likeliest first."""
     height, width = light.shape[:2]
     scale = _LONG_SIDE / max(height, width)
@@ -57,7 +56,7 @@ def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
     return [FoundChart(one.corners / scale, one.misfit, one.patches) for one in found]
 
 
-def _area_colours(light: NDArray[np.float32], quads: list[Quad]) -> Array:
+def _area_colours(light: Floats32, quads: list[Quad]) -> Floats64:
     """Mean light (n, 3) about the middles of areas."""
     colours = np.empty((len(quads), 3))
     for colour, quad in zip(colours, quads, strict=True):
@@ -85,7 +84,7 @@ def _lattices(quads: list[Quad]) -> list[dict[tuple[int, int], int]]:
 
 
 def _grown(
-    seed: int, quads: list[Quad], middles: Array, sides: Array
+    seed: int, quads: list[Quad], middles: Floats64, sides: Floats64
 ) -> dict[tuple[int, int], int]:
     """Grow a grid from an area, neighbour by neighbour, each by the sides of its own area."""
     places: dict[tuple[int, int], int] = {(0, 0): seed}
@@ -114,7 +113,7 @@ def _grown(
     return places
 
 
-def _steps(quad: Quad) -> Array:
+def _steps(quad: Quad) -> Floats64:
     """Two sides (2, 2) of an area, the second a right turn on from the first."""
     a, b, c, d = quad.corners
     first, second = (b - a + c - d) / 2, (d - a + c - b) / 2
@@ -123,21 +122,21 @@ def _steps(quad: Quad) -> Array:
     return np.array([first, second])
 
 
-def _like(steps: Array, wanted: Array) -> Array:
+def _like(steps: Floats64, wanted: Floats64) -> Floats64:
     """The same two sides in the order and direction in which they are nearest to others."""
     first, second = steps
     turns = [np.array(two) for two in _quarter_turns(first, second)]
     return max(turns, key=lambda turned: float((turned * wanted).sum()))
 
 
-def _quarter_turns(first: Array, second: Array) -> list[tuple[Array, Array]]:
+def _quarter_turns(first: Floats64, second: Floats64) -> list[tuple[Floats64, Floats64]]:
     return [(first, second), (second, -first), (-first, -second), (-second, first)]
 
 
 def _best_placed(
-    light: NDArray[np.float32],
+    light: Floats32,
     quads: list[Quad],
-    colours: Array,
+    colours: Floats64,
     members: dict[tuple[int, int], int],
 ) -> FoundChart | None:
     """The chart that holds many of these areas, and fits their colours best; None without one.
@@ -168,7 +167,7 @@ def _best_placed(
 
 
 def _chart(
-    light: NDArray[np.float32], middles: Array, places: Array, points: Array
+    light: Floats32, middles: Floats64, places: Floats64, points: Floats64
 ) -> FoundChart | None:
     """The chart with areas at these places of its grid, by all areas that lie where it has them."""
     to_picture, _ = cv2.findHomography(places, points, cv2.LMEDS)
@@ -199,11 +198,11 @@ def _chart(
     return FoundChart(_through(to_picture, CORNERS), misfit, int(close.sum()))
 
 
-def _through(homography: NDArray[np.integer | np.floating], points: Array) -> Array:
+def _through(homography: NDArray[np.integer | np.floating], points: Floats64) -> Floats64:
     return np.asarray(cv2.perspectiveTransform(points[None], homography)[0])
 
 
-def _colours(light: NDArray[np.float32], grid: Array, pitch: float) -> Array | None:
+def _colours(light: Floats32, grid: Floats64, pitch: float) -> Floats64 | None:
     """Mean light (24, 3) about the middles of patches; None where the chart leaves the picture."""
     reach = max(1, int(0.15 * pitch))
     height, width = light.shape[:2]

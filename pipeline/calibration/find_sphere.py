@@ -6,14 +6,12 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.calibration.marks import on_screen
 from pipeline.calibration.sphere import sphere_outline, view_rays
 from pipeline.options import Circle
-
-Array = NDArray[np.float64]
 
 _LONG_SIDE = 800  # pixels of the picture in which circles are looked for
 _RADII = (0.02, 0.48)  # by the short side
@@ -32,12 +30,10 @@ _BRIGHT = 0.5  # of the brightest: what belongs to the highlight
 _SMALL = 0.05  # how much of a sphere the highlight of a flash may fill: more is no mirror's
 _APART = 0.3  # of the radius: middles nearer than that are of one sphere
 
-Judge = Callable[[NDArray[np.float32], Circle], float | None]
+Judge = Callable[[Floats32, Circle], float | None]
 
 
-def find_spheres(
-    no_flash: NDArray[np.floating], flash: NDArray[np.floating], mirror: bool, focal_px: float
-) -> list[Circle]:
+def find_spheres(no_flash: Floats, flash: Floats, mirror: bool, focal_px: float) -> list[Circle]:
     """Find the outlines of spheres that the flash lights from the camera, the likeliest first.
 
     no_flash, flash: linear light (H, W, 3) of the lamps and of the flash alone. mirror: look for
@@ -76,7 +72,7 @@ def find_spheres(
     return [_within(whole.shape, circle) for circle in refined]
 
 
-def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
+def _circles(lights: list[Floats32]) -> list[Circle]:
     short = min(lights[0].shape[:2])
     low, high = (round(share * short) for share in _RADII)
     found = []
@@ -93,7 +89,7 @@ def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
     return found
 
 
-def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
+def _matt(flash: Floats32, circle: Circle) -> float | None:
     """How far the light of the flash is from that of a matt sphere; None where it is none.
 
     The light of a flash at the camera on a sphere far enough away is as the cosine to the normal.
@@ -117,7 +113,7 @@ def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
     return best
 
 
-def _mirror(flash: NDArray[np.float32], circle: Circle) -> float | None:
+def _mirror(flash: Floats32, circle: Circle) -> float | None:
     """How far from the middle the flash is reflected; None where it is not, or not alone."""
     light, away = _inside(flash, circle, _INNER_MIRROR)
     if light is None:
@@ -132,7 +128,7 @@ def _mirror(flash: NDArray[np.float32], circle: Circle) -> float | None:
     return aside if aside < apart else None
 
 
-def _inside(light: NDArray[np.float32], circle: Circle, share: float) -> tuple[Array | None, Array]:
+def _inside(light: Floats32, circle: Circle, share: float) -> tuple[Floats64 | None, Floats64]:
     """Light (n, 3) of a circle's inner share, and how far from its middle, by its radius."""
     height, width = light.shape[:2]
     reach = circle.radius
@@ -146,7 +142,7 @@ def _inside(light: NDArray[np.float32], circle: Circle, share: float) -> tuple[A
     return part[inner].astype(np.float64), away[inner]
 
 
-def _refined(light: NDArray[np.float32], circle: Circle, focal_px: float) -> Circle:
+def _refined(light: Floats32, circle: Circle, focal_px: float) -> Circle:
     """The outline by the edges that rays from the middle meet near it.
 
     Edges of a sphere lie on a cone from the camera, which away from the middle of the picture is
@@ -166,7 +162,7 @@ def _refined(light: NDArray[np.float32], circle: Circle, focal_px: float) -> Cir
         edges = (circle.x, circle.y) + across * steps[slope.argmax(axis=1)][:, None]
         rays = view_rays(edges[:, 0], edges[:, 1], focal_px, size)
 
-        def beyond(cone: Array, rays: Array = rays) -> Array:
+        def beyond(cone: Floats64, rays: Floats64 = rays) -> Floats64:
             """Angles (n,) between edges and a cone (x, y, angle), all by the focal length."""
             axis = view_rays(cone[:1], cone[1:2], focal_px, size)[0]
             apart = np.arctan2(np.linalg.norm(np.cross(rays, axis), axis=1), rays @ axis)
@@ -187,9 +183,7 @@ def _within(shape: tuple[int, ...], circle: Circle) -> Circle:
     return Circle(x=x, y=y, radius=min(circle.radius, x, y, width - x, height - y))
 
 
-def _around(
-    light: NDArray[np.float32], circle: Circle, reach: float
-) -> tuple[NDArray[np.float32], int, int]:
+def _around(light: Floats32, circle: Circle, reach: float) -> tuple[Floats32, int, int]:
     """Part of a picture so far around a circle's middle, and its left and upper edge.
 
     cv2.remap takes pictures of less than 32,767 pixels a side.

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.patches import Patches
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
 from pipeline.errors import UnusablePairError
 from pipeline.spectra.lights import packaged_light
-
-Array = NDArray[np.float64]
 
 FAMILY = (
     "xenon",
@@ -41,12 +39,12 @@ class FlashEstimate:
     misfit: relative error of the patches' light as predicted with it, root mean square.
     """
 
-    spectrum: Array
+    spectrum: Floats64
     nearest: str
     misfit: float
 
 
-def estimate_flash(patches: Patches, sensitivities: Array) -> FlashEstimate:
+def estimate_flash(patches: Patches, sensitivities: Floats64) -> FlashEstimate:
     """Estimate the spectrum of the flash; sensitivities: (3, W) of the camera.
 
     A flash is a light of FAMILY with a smooth tint. Which one is a matter of evidence, by which
@@ -68,7 +66,7 @@ def estimate_flash(patches: Patches, sensitivities: Array) -> FlashEstimate:
     return FlashEstimate(spectrum, FAMILY[int(np.argmax(evidence))], misfit)
 
 
-def _of_member(patches: Patches, s: Array, member: Array) -> tuple[Array, float]:
+def _of_member(patches: Patches, s: Floats64, member: Floats64) -> tuple[Floats64, float]:
     """Estimate (W,) about one member of the family, and its log evidence."""
     spectrum, evidence = member, 0.0
     seen_by = (patches.reflectances[:, None] * s).reshape(-1, s.shape[1])
@@ -83,7 +81,7 @@ def _of_member(patches: Patches, s: Array, member: Array) -> tuple[Array, float]
     return spectrum, evidence
 
 
-def _predicted(patches: Patches, s: Array, spectrum: Array) -> Array:
+def _predicted(patches: Patches, s: Floats64, spectrum: Floats64) -> Floats64:
     even = patches.reflectances @ (s * spectrum).T
     lit = even * patches.fall_off(even)
     scale = best_scale(lit.ravel(), patches.flash.ravel(), patches.tolerance.ravel())

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.calibration.light import lights_of
 from pipeline.calibration.marks import disc
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
@@ -20,8 +21,6 @@ from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.options import Circle, Lights
 from pipeline.pair.pair import Pair
-
-Array = NDArray[np.float64]
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
 _SMALLEST_PX = 12.0  # radius
@@ -53,9 +52,9 @@ class LampsEstimate:
     not show the flash.
     """
 
-    directions: Array
-    colours: Array
-    deviations_deg: Array
+    directions: Floats64
+    colours: Floats64
+    deviations_deg: Floats64
     misfit: float | None
     circle: Circle
     flash_aside_deg: float | None
@@ -124,7 +123,7 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
     size = (width // side, height // side)
     crop = np.s_[: size[1] * side, : size[0] * side]
 
-    def means(picture: NDArray[Any]) -> NDArray[np.float32]:
+    def means(picture: NDArray[Any]) -> Floats32:
         shrunk = cv2.resize(picture[crop].astype(np.float32), size, interpolation=cv2.INTER_AREA)
         return np.asarray(shrunk)
 

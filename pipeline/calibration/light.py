@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.pair.pair import Pair
-
-Array = NDArray[np.float64]
 
 _MOST_UNUSABLE = 0.1  # share of an area
 _LEAST_PIXELS = 9  # of an area: fewer hardly tell a mean
@@ -25,17 +23,17 @@ class Lights:
     lamps_variance, flash_variance: (…, 3) of them.
     """
 
-    lamps: Array
-    flash: Array
-    lamps_variance: Array
-    flash_variance: Array
+    lamps: Floats64
+    flash: Floats64
+    lamps_variance: Floats64
+    flash_variance: Floats64
 
 
 def lights_of(
     pair: Pair,
-    no_flash: NDArray[np.floating],
-    flash: NDArray[np.floating],
-    averaged: float | NDArray[np.floating],
+    no_flash: Floats,
+    flash: Floats,
+    averaged: float | Floats,
 ) -> Lights:
     """Light of values (…, 3) of the pair's photographs, means of so many neighbouring pixels."""
     lamps, both = np.asarray(no_flash, np.float64), np.asarray(flash, np.float64)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
 from pipeline.options import Circle
@@ -29,7 +30,7 @@ def disc(shape: tuple[int, ...], circle: Circle, what: str) -> Mask:
     return mask
 
 
-def on_screen(light: NDArray[np.floating]) -> NDArray[np.uint8]:
+def on_screen(light: Floats) -> NDArray[np.uint8]:
     """Show linear light (H, W, 3) so that each channel fills 8 bits; for finding, not for eyes."""
     high = [max(float(np.quantile(light[..., k], 0.98)), 1e-9) for k in range(3)]
     return np.asarray(np.sqrt(np.clip(light / np.array(high), 0, 1)) * 255).astype(np.uint8)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError, counted
@@ -17,8 +18,6 @@ from pipeline.images.frames import Image, Mask
 from pipeline.options import Circle, Lights
 from pipeline.pair.pair import Pair
 from pipeline.vectors import angles_deg, unit
-
-Array = NDArray[np.float64]
 
 _INNER = 0.97  # of the radius: beyond, a pixel holds too wide a view
 _BRIGHT = 0.25  # of the brightest: a highlight; and from one level to the next, for dimmer ones
@@ -152,14 +151,14 @@ def _parts(bright: Mask, sphere: Mask) -> list[_Spot]:
 
 def _lamp(
     picture: Image, spot: _Spot, sphere: Circle, focal_px: float
-) -> tuple[Array, Array, float]:
+) -> tuple[Floats64, Floats64, float]:
     """Direction (3,) of a highlight's lamp, its light (3,), and its largest value."""
     height, width = picture.shape[:2]
     rows, columns = _with_glow(spot, height, width)
     light = picture[rows, columns].astype(np.float64)
     x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
 
-    def towards(dx: float, dy: float) -> Array:
+    def towards(dx: float, dy: float) -> Floats64:
         view = view_sphere(sphere, x + dx, y + dy, focal_px, (width, height))
         cosine = (view.normals * view.towards).sum(axis=1, keepdims=True)
         return unit(2 * cosine * view.normals - view.towards)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _RELATIVE, _OF_BRIGHTEST = 0.015, 0.003
 """How far patches of one make differ, and glare: of the patch's light, of the brightest one's."""
@@ -22,18 +21,18 @@ class Patches:
     places: (n, 2) in the chart's plane, −1…1, over which the flash may fall off.
     """
 
-    flash: Array
-    variance: Array
-    reflectances: Array
-    places: Array
+    flash: Floats64
+    variance: Floats64
+    reflectances: Floats64
+    places: Floats64
 
     @property
-    def tolerance(self) -> Array:
+    def tolerance(self) -> Floats64:
         """Variance (n, 3) of what a right prediction misses: noise, other pigments and glare."""
         other = (_RELATIVE * self.flash) ** 2 + (_OF_BRIGHTEST * self.flash.max()) ** 2
         return np.asarray(self.variance + other)
 
-    def fall_off(self, predicted: Array) -> Array:
+    def fall_off(self, predicted: Floats64) -> Floats64:
         """How bright the flash is on each patch (n, 1), 1 in the geometric mean.
 
         predicted: (n, 3) light under an even flash, up to a factor. An exponential of a square
@@ -50,7 +49,7 @@ class Patches:
         field = terms[:, 1:] @ solution[1:]
         return np.asarray(np.exp(field - field.mean())[:, None])
 
-    def misfit(self, predicted: Array) -> float:
+    def misfit(self, predicted: Floats64) -> float:
         """Root mean square error of a prediction (n, 3), relative to each patch's light."""
         scale = self.flash + _POOR_WEIGHT * self.flash.max()
         return float(np.sqrt(np.mean(np.square((predicted - self.flash) / scale))))

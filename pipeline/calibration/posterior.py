@@ -8,22 +8,20 @@ is linear, so that for each member the likeliest spectrum and the evidence have 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.grid import WAVELENGTHS_NM
 
-Array = NDArray[np.float64]
 
-
-def smooth(reach_nm: float) -> Array:
+def smooth(reach_nm: float) -> Floats64:
     """Correlation (W, W) of deviations that keep to a value over so many nanometres."""
     distance = WAVELENGTHS_NM[:, None] - WAVELENGTHS_NM
     return np.asarray(np.exp(-0.5 * np.square(distance / reach_nm)))
 
 
 def posterior(
-    matrix: Array, seen: Array, variance: Array, mean: Array, covariance: Array
-) -> tuple[Array, float]:
+    matrix: Floats64, seen: Floats64, variance: Floats64, mean: Floats64, covariance: Floats64
+) -> tuple[Floats64, float]:
     """Mean (W,) of a Gaussian spectrum after seeing some numbers, and the log evidence for it.
 
     seen = matrix · spectrum, matrix (n, W), with the variance (n,); before that the spectrum has
@@ -37,13 +35,13 @@ def posterior(
     return mean + spread @ pull, float(evidence)
 
 
-def best_scale(predicted: Array, seen: Array, variance: Array) -> float:
+def best_scale(predicted: Floats64, seen: Floats64, variance: Floats64) -> float:
     """Factor by which a prediction (n,) fits best, at least a tiny one."""
     scale = (predicted * seen / variance).sum() / (np.square(predicted) / variance).sum()
     return max(float(scale), 1e-12)
 
 
-def weights(evidence: list[float]) -> Array:
+def weights(evidence: list[float]) -> Floats64:
     """Probabilities of the members of a mixture from their log evidence."""
     relative = np.exp(np.array(evidence) - max(evidence))
     return np.asarray(relative / relative.sum())

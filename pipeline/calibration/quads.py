@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _AREAS = (1e-4, 0.035)  # of a patch, by that of the picture
 _WINDOWS = (0.03, 0.08, 0.2)  # of the long side, about which a pixel counts as bright or dark
@@ -26,8 +26,8 @@ class Quad:
     side: that of a square of its area, in pixels.
     """
 
-    corners: Array
-    middle: Array
+    corners: Floats64
+    middle: Floats64
     side: float
 
 
@@ -77,7 +77,7 @@ def _quad(contour: NDArray[np.int32], area: float) -> Quad | None:
     return Quad(corners, _crossing(corners), float(np.sqrt(area)))
 
 
-def _crossing(corners: Array) -> Array:
+def _crossing(corners: Floats64) -> Floats64:
     a, b, c, d = corners
     along = np.linalg.solve(np.stack([c - a, b - d], axis=1), b - a)
     return np.asarray(a + along[0] * (c - a))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.options import Circle
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _NARROWEST = 0.05  # cos(θ − α) cos(θ + α) of the cone, below which its edge is a grazing ray's
 
@@ -29,13 +27,13 @@ class SphereView:
     distance: (n,) to the camera, 1 that of the sphere's middle.
     """
 
-    normals: Array
-    towards: Array
-    distance: Array
+    normals: Floats64
+    towards: Floats64
+    distance: Floats64
 
 
 def view_sphere(
-    circle: Circle, x: Array, y: Array, focal_px: float, size: tuple[int, int]
+    circle: Circle, x: Floats64, y: Floats64, focal_px: float, size: tuple[int, int]
 ) -> SphereView:
     """Find where the surface of a sphere faces at pixels (n,) of its picture.
 
@@ -56,7 +54,7 @@ def view_sphere(
     return SphereView(unit(rays * distance[:, None] - centre), -rays, distance)
 
 
-def view_rays(x: Array, y: Array, focal_px: float, size: tuple[int, int]) -> Array:
+def view_rays(x: Floats64, y: Floats64, focal_px: float, size: tuple[int, int]) -> Floats64:
     """Directions (n, 3), unit, from the camera through pixels (n,); x right, y up, z to it."""
     across, up = (x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px
     return unit(np.stack([across, up, -np.ones_like(across)], axis=1))

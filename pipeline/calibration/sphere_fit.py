@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.light import Lights
 from pipeline.calibration.sphere import SphereView, view_sphere
 from pipeline.options import Circle
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _FACING = 0.25  # least cosine between a normal and the camera; beyond, the flash is faint
 _UNEVEN = 0.01  # relative variation of paint
@@ -38,13 +36,13 @@ class SpherePixels:
     focal length in pixels. size: (width, height) of the picture.
     """
 
-    x: Array
-    y: Array
+    x: Floats64
+    y: Floats64
     circle: Circle
     focal_px: float
     size: tuple[int, int]
 
-    def view(self, moved: Array) -> SphereView:
+    def view(self, moved: Floats64) -> SphereView:
         """Where the pixels face when the outline is moved by (dx, dy, dr) radii."""
         circle = self.circle
         dx, dy, wider = moved * circle.radius
@@ -69,10 +67,10 @@ class SphereFit:
     of the lamps' light and of the flash part by their means, no finite numbers without light.
     """
 
-    directions: Array
-    colours: Array
-    deviations_deg: Array
-    moved: Array
+    directions: Floats64
+    colours: Floats64
+    deviations_deg: Floats64
+    moved: Floats64
     flash_aside_deg: float
     cost: float
     misfit: float
@@ -119,17 +117,17 @@ class _Problem:
         self._albedo = self._flash / (self._power * power)
 
     @property
-    def even(self) -> Array:
+    def even(self) -> Floats64:
         """Light (n, 3) of the lamps as on an evenly painted sphere."""
         return np.asarray(self._light / np.maximum(self._albedo, 0.05)[:, None])
 
     @property
-    def weight(self) -> Array:
+    def weight(self) -> Floats64:
         """One over the deviation (n,) of `even`."""
         deviation = np.sqrt(np.square(self._deviation).mean(axis=1))
         return np.asarray(np.maximum(self._albedo, 0.05) / deviation)
 
-    def solve(self, directions: Array) -> SphereFit:
+    def solve(self, directions: Floats64) -> SphereFit:
         """Fit everything together, from lamps in these directions (N, 3)."""
         frames = np.array([_frame(direction) for direction in directions])
         count = 2 * len(frames)
@@ -161,7 +159,7 @@ class _Problem:
                 flash_misfit=float(np.sqrt(np.mean(flash_missed**2)) / abs(self._flash.mean())),
             )
 
-    def _flash_light(self, view: SphereView, flash: Array) -> Array:
+    def _flash_light(self, view: SphereView, flash: Floats64) -> Floats64:
         """Light (n,) of a flash in the plane of the lens on an even sphere."""
         to_flash = view.towards * view.distance[:, None]
         to_flash = to_flash + np.array([flash[0], flash[1], 0.0])
@@ -169,7 +167,9 @@ class _Problem:
         facing = np.maximum((view.normals * to_flash).sum(axis=1), 0.02)
         return np.asarray(self._power * np.exp(flash[2]) * facing / fall_off)
 
-    def _lamp_errors(self, view: SphereView, flash: Array, towards: Array) -> tuple[Array, Array]:
+    def _lamp_errors(
+        self, view: SphereView, flash: Floats64, towards: Floats64
+    ) -> tuple[Floats64, Floats64]:
         """Errors (n, 3) by their deviations under lamps of the best colours, and those (N, 3)."""
         albedo = self._flash / self._flash_light(view, flash)
         shading = np.maximum(view.normals @ towards.T, 0.0) * albedo[:, None]
@@ -180,7 +180,7 @@ class _Problem:
         explained = shading @ np.array(colours).T
         return (explained - self._light) / self._deviation, np.array(colours).T
 
-    def _errors(self, frames: Array, values: Array) -> Array:
+    def _errors(self, frames: Floats64, values: Floats64) -> Floats64:
         outline, flash, steps = np.split(values, [3, _COMMON])
         view = self._pixels.view(outline)
         lamps, _ = self._lamp_errors(view, flash, _turned(frames, steps))
@@ -189,7 +189,7 @@ class _Problem:
         return np.concatenate([lamps.ravel(), by_flash, *prior])
 
 
-def _starts(problem: _Problem, count: int) -> list[Array]:
+def _starts(problem: _Problem, count: int) -> list[Floats64]:
     """Sets of directions (count, 3) of a grid that explain the light best."""
     grid = _directions(_GRID)
     shading = np.maximum(problem.normals @ grid.T, 0.0) * problem.weight[:, None]
@@ -207,7 +207,7 @@ def _starts(problem: _Problem, count: int) -> list[Array]:
     return [grid[sets[index]] for index in ranked[:_STARTS]]
 
 
-def _directions(count: int) -> Array:
+def _directions(count: int) -> Floats64:
     """Directions (count, 3) spread evenly, from the viewer's to _BEHIND."""
     n = np.arange(count) + 0.5
     z = 1 - (1 + _BEHIND) * n / count
@@ -216,13 +216,13 @@ def _directions(count: int) -> Array:
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
 
 
-def _turned(frames: Array, steps: Array) -> Array:
+def _turned(frames: Floats64, steps: Floats64) -> Floats64:
     """Directions (N, 3) of frames (N, 3, 3) after steps (2N,) across them."""
     across = np.einsum("jk,jkc->jc", steps.reshape(-1, 2), frames[:, 1:])
     return unit(frames[:, 0] + across)
 
 
-def _frame(direction: Array) -> Array:
+def _frame(direction: Floats64) -> Floats64:
     """A direction and two units across it, (3, 3)."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     side = unit(np.cross(direction, helper))

@@ -7,8 +7,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.spaces import (
     ADOBE_RGB_PRIMARIES,
@@ -120,13 +120,13 @@ def _description(name: bytes) -> bytes:
     return b"desc" + bytes(4) + ascii_part + bytes(8 + 3 + 67)  # no Unicode, no ScriptCode
 
 
-def _xyz(values: NDArray[np.float64]) -> bytes:
+def _xyz(values: Floats64) -> bytes:
     return b"XYZ " + bytes(4) + _s15f16(values)
 
 
-def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rounded(values: Floats64) -> Floats64:
     return np.round(values * 65536) / 65536
 
 
-def _s15f16(values: NDArray[np.float64]) -> bytes:
+def _s15f16(values: Floats64) -> bytes:
     return np.round(values * 65536).astype(">i4").tobytes()

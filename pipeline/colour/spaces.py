@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 
 Primaries = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
@@ -19,7 +19,7 @@ D65_XY = (0.3127, 0.3290)
 """CIE xy of the white of all of them."""
 
 
-def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:
+def xy_to_xyz(xy: tuple[float, float]) -> Floats64:
     """CIE xy → XYZ with Y = 1."""
     x, y = xy
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
@@ -41,7 +41,7 @@ _BRADFORD = np.array(
 _LEAST_CONE = 0.02  # of the largest, so that the whitest of a coloured lamp has gains that end
 
 
-def adaptation(white: NDArray[np.float64], other: NDArray[np.float64]) -> Matrix:
+def adaptation(white: Floats64, other: Floats64) -> Matrix:
     """Bradford adaptation (3, 3) of CIE XYZ from one white to another, XYZ (3,) both.
 
     Whites no eye can see, which have cones below 0, are taken for the nearest that have none.
@@ -51,7 +51,7 @@ def adaptation(white: NDArray[np.float64], other: NDArray[np.float64]) -> Matrix
     return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
 
 
-def adapts(white: NDArray[np.float64]) -> bool:
+def adapts(white: Floats64) -> bool:
     """Whether adaptation takes a white, CIE XYZ (3,), just to the other, its luminance kept.
 
     Not where it lacks a cone's light or a camera's matrix makes it one no eye can see: a lamp of

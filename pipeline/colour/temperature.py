@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 
 CCT_RANGE_K = (1000.0, 15000.0)
@@ -45,7 +46,7 @@ def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
     return float(np.clip(kelvin, *CCT_RANGE_K)), float(above * distance[best])
 
 
-def white_of(kelvin: float, duv: float) -> NDArray[np.float64]:
+def white_of(kelvin: float, duv: float) -> Floats64:
     """CIE XYZ (3,), Y = 1, of the light of a temperature and Duv: what cct_duv undoes.
 
     kelvin: within CCT_RANGE_K. duv: from −0.05 to 0.05. Far above the locus of warm lights no light
@@ -59,7 +60,7 @@ def white_of(kelvin: float, duv: float) -> NDArray[np.float64]:
     return np.array([1.5 * u / v, 1.0, (4.0 - u - 10.0 * v) / (2.0 * v)])
 
 
-def _planckian_uv(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
+def _planckian_uv(kelvin: Floats64) -> Floats64:
     """CIE 1960 uv (2, n) of black bodies, Krystek 1985, 1000 to 15000 K."""
     T = kelvin
     u = (0.860117757 + 1.54118254e-4 * T + 1.28641212e-7 * T**2) / (

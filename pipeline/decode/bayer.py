@@ -8,6 +8,7 @@ import numpy as np
 import rawpy
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.dng_crop import Part
 from pipeline.decode.dng_levels import Levels
@@ -27,7 +28,7 @@ class Mosaic:
 
     values: NDArray[np.uint16]
     colours: NDArray[np.intp]
-    black: NDArray[np.float64]
+    black: Floats64
     white: float
 
 

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32
 from pipeline.compiling import compiled, inlined
 from pipeline.images.coded import LevelImage
 from pipeline.images.frames import Numbers, Plane, numbers_of
@@ -49,7 +50,7 @@ def is_bayer(colours: NDArray[np.integer]) -> bool:
 
 
 def demosaic(
-    mosaic: Values, colours: NDArray[np.integer], black: NDArray[np.floating], white: float
+    mosaic: Values, colours: NDArray[np.integer], black: Floats, white: float
 ) -> LevelImage:
     """Give every photosite its three channels: (H, W, 3), 0 = black, 1 = white.
 
@@ -147,7 +148,7 @@ def _demosaic(
     colours: tuple[int, int, int, int],
     black: Numbers,
     scale: float,
-    scratch: NDArray[np.float32],
+    scratch: Floats32,
     codes: tuple[float, float],
     out: Values,
     top: int,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tifffile import TiffPage
 
+from pipeline.arrays import Floats64
 from pipeline.decode.dng_levels import BLACK_LEVEL, numbers
 from pipeline.decode.dng_values import polynomials
 from pipeline.decode.tiff import LINEAR_RAW, WHITE_LEVEL
@@ -50,6 +51,6 @@ def curves(page: TiffPage) -> NDArray[np.uint16] | None:
     return tables
 
 
-def _levels(page: TiffPage, tag: int, usual: int) -> NDArray[np.float64]:
+def _levels(page: TiffPage, tag: int, usual: int) -> Floats64:
     """Level of each of three colours. Raises ValueError where there are other numbers of them."""
     return np.broadcast_to(numbers(page, tag, usual), 3)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from tifffile import TiffPage, TiffTag
 
+from pipeline.arrays import Floats64
 from pipeline.decode.samples import UnsuitableError
 from pipeline.decode.tiff import (
     ACTIVE_AREA,
@@ -24,7 +24,7 @@ from pipeline.decode.tiff import (
     dng_page,
 )
 
-Numbers = NDArray[np.float64]
+Numbers = Floats64
 BLACK_LEVEL = 50714
 _BY_COLUMN, _BY_ROW = 50715, 50716
 _MASKED_AREAS = 50830

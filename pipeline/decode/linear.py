@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
@@ -101,9 +102,7 @@ def clipped(samples: Samples, clip: float | None = None, curved: bool = False) -
     return mask if clip is None else _reached(mask.view(np.uint8))
 
 
-def clipped_photosites(
-    mosaic: NDArray[np.uint16], black: NDArray[np.float64], white: float
-) -> Mask:
+def clipped_photosites(mosaic: NDArray[np.uint16], black: Floats64, white: float) -> Mask:
     """Pixels (H, W) around photosites (H, W) that are clipped (see saturation).
 
     black: (2, 2), of the upper left photosites. white: what is measured between the least of black
@@ -142,5 +141,5 @@ def _full_range(codes: NDArray[Any], white: float) -> NDArray[Any]:
     return np.asarray(np.round(codes * (largest / white)), dtype=codes.dtype)
 
 
-def _curve(values: NDArray[np.float32], srgb: bool) -> NDArray[np.float32]:
+def _curve(values: Floats32, srgb: bool) -> Floats32:
     return srgb_to_linear(values) if srgb else values

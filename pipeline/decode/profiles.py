@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
+from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.icc import matrix_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES
@@ -118,7 +119,7 @@ def _bend(profile: bytes) -> float:
     return float(np.abs(_greys(profile) - np.linspace(0, 1, _GREYS)).max())
 
 
-def _greys(profile: bytes) -> NDArray[np.float64]:
+def _greys(profile: bytes) -> Floats64:
     """Light of greys from black to white, 1; NaN for a profile of no use."""
     codes = np.linspace(0, 65535, _GREYS).astype(np.uint16)
     try:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.encode.half_floats import write_half
 from pipeline.errors import InputError
 
@@ -30,7 +31,7 @@ class ExrFile:
         self._row = 0
         self._lines = np.empty((0, 0), np.uint8)
 
-    def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
+    def write(self, pictures: dict[str, Floats32]) -> None:
         """Write the next rows.
 
         pictures: planes (h, W), each the channel of its name, and pictures (h, W, 3), the channels
@@ -51,7 +52,7 @@ class ExrFile:
         if self._row != self._size[1]:
             raise ValueError(f"an EXR of {self._size[1]} rows was given {self._row}")
 
-    def _filled(self, planes: list[NDArray[np.float32]]) -> NDArray[np.uint8]:
+    def _filled(self, planes: list[Floats32]) -> NDArray[np.uint8]:
         """Lines of the file (h, bytes), in memory that is used again."""
         rows, width = planes[0].shape
         values = width * np.dtype(self._type).itemsize
@@ -108,11 +109,11 @@ def name_of(path: Path) -> str:
     return name
 
 
-def channels_of(pictures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
+def channels_of(pictures: dict[str, Floats32]) -> dict[str, Floats32]:
     """Planes (h, W) by the names of their channels, of what ExrFile takes; it says the rest."""
     if len({picture.shape[:2] for picture in pictures.values()}) != 1:
         raise ValueError("the channels of an EXR must have one size")
-    channels: dict[str, NDArray[np.float32]] = {}
+    channels: dict[str, Floats32] = {}
     for name, picture in pictures.items():
         if picture.ndim == 2:
             channels[name] = picture
@@ -122,7 +123,7 @@ def channels_of(pictures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[n
     return channels
 
 
-def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]]) -> None:
+def write_exr(path: Path, pictures: dict[str, Floats32]) -> None:
     """Write whole pictures, as ExrFile does. Raises what it raises."""
     height, width = next(iter(pictures.values())).shape[:2]
     file = ExrFile(path, (width, height))

@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
+
 Half = NDArray[np.float16]
 
 _LARGEST = np.float32(np.finfo(np.float16).max)
 _NOTHING = np.zeros(4)  # OpenCV's scalars have four numbers
 
 
-def write_half(light: NDArray[np.float32], half: Half) -> None:
+def write_half(light: Floats32, half: Half) -> None:
     """Write light (h, W) rounded to the nearest half floats, ±65504 where it is beyond.
 
     half: (h, W), of which each row is contiguous.

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.encode.coded_normals import CodedNormals
 from pipeline.images.frames import Image
 from pipeline.images.strips import strips
@@ -29,14 +30,14 @@ class Mesh:
     from its left and upper edge. faces: (t, 3) vertices, counter-clockwise seen from the camera.
     """
 
-    vertices: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    uv: NDArray[np.float64]
+    vertices: Floats64
+    normals: Floats64
+    uv: Floats64
     faces: NDArray[np.int64]
 
 
 def make_mesh(
-    depth: NDArray[np.float32],
+    depth: Floats32,
     normals: Image | CodedNormals,
     focal_px: float,
     most: int = _MOST_VERTICES,
@@ -66,9 +67,7 @@ def make_mesh(
     return Mesh(places[used], normal[used], uv[used], index.reshape(-1, 3))
 
 
-def _known_blocks(
-    known: NDArray[np.bool_], step: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _known_blocks(known: NDArray[np.bool_], step: int) -> tuple[NDArray[np.int64], Floats64]:
     """Blocks that are known (b,), numbered row by row, and which share of each is."""
     numbers, shares = [], []
     for first, rows in _block_rows(known.shape, step):
@@ -80,12 +79,12 @@ def _known_blocks(
 
 
 def _means(
-    depth: NDArray[np.float32],
+    depth: Floats32,
     normals: Image | CodedNormals,
     known: NDArray[np.bool_],
     number: NDArray[np.int64],
     step: int,
-) -> NDArray[np.float64]:
+) -> Floats64:
     """Means (b, 4) of depth and normals in blocks of these numbers, what is not known as 0."""
     means = np.empty((len(number), 4))
     for first, rows in _block_rows(known.shape, step):
@@ -106,7 +105,7 @@ def _block_rows(shape: tuple[int, ...], step: int) -> Iterator[tuple[int, slice]
         yield rows.start * (shape[1] // step), slice(rows.start * step, rows.stop * step)
 
 
-def _shrunk(rows: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+def _shrunk(rows: Floats32, step: int) -> Floats32:
     """Means of blocks of step × step pixels."""
     height, width = (side // step for side in rows.shape[:2])
     whole = np.ascontiguousarray(rows[:, : width * step])
@@ -114,8 +113,8 @@ def _shrunk(rows: NDArray[np.float32], step: int) -> NDArray[np.float32]:
 
 
 def _faces(
-    places: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    places: Floats64,
+    normals: Floats64,
     number: NDArray[np.int64],
     width: int,
 ) -> NDArray[np.int64]:
@@ -141,8 +140,8 @@ def _at(number: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int6
 
 
 def _joined(
-    places: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    places: Floats64,
+    normals: Floats64,
     one: NDArray[np.int64],
     other: NDArray[np.int64],
 ) -> NDArray[np.bool_]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.encode.exr import ExrFile, channels_of
 from pipeline.images.area_means import area_means, size_within
 from pipeline.images.frames import Image, Photograph
@@ -38,9 +38,9 @@ class PreviewFile:
         self._step = preview_step(size)
         self._width = size[0] // self._step
         self._file = ExrFile(path, (self._width, size[1] // self._step), half=True)
-        self._rest: dict[str, NDArray[np.float32]] = {}
+        self._rest: dict[str, Floats32] = {}
 
-    def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
+    def write(self, pictures: dict[str, Floats32]) -> None:
         """Take the next rows, given as to ExrFile."""
         planes = channels_of(pictures)
         height = len(next(iter(planes.values())))
@@ -64,11 +64,11 @@ class PreviewFile:
         """End the file."""
         self._file.close()
 
-    def _append(self, planes: dict[str, NDArray[np.float32]]) -> None:
+    def _append(self, planes: dict[str, Floats32]) -> None:
         """Write the means of whole squares."""
         self._file.write({name: self._means(plane) for name, plane in planes.items()})
 
-    def _means(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _means(self, rows: Floats32) -> Floats32:
         plane = rows[:, : self._width * self._step]
         size = self._width, len(rows) // self._step
         return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)

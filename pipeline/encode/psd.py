@@ -23,6 +23,7 @@ from psd_tools.psd.layer_and_mask import (
 )
 from psd_tools.psd.tagged_blocks import TaggedBlock, TaggedBlocks
 
+from pipeline.arrays import Floats32
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.encode.psd_size import check_psd_size
 from pipeline.encode.tiff import codes_of
@@ -53,7 +54,7 @@ class PsdFile:
         self._layers = np.empty((lamps, 3, height, width), ">u2")
         self._next = 0
 
-    def write(self, layers: NDArray[np.float32]) -> None:
+    def write(self, layers: Floats32) -> None:
         """Take the next rows (N, h, W, 3), 1.0 = white; what lies outside 0 to 1 is cut off."""
         rows = slice(self._next, self._next + layers.shape[1])
         for kept, layer in zip(self._layers, layers, strict=True):

@@ -6,12 +6,11 @@ Source: Hui et al. 2018, supplement eq. 1 and section 1; tensor form of the same
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats, Floats64
 
 
-def flash_tensor(tensor: Array, flash: Array, seen_by: Array | None = None) -> Array:
+def flash_tensor(tensor: Floats64, flash: Floats64, seen_by: Floats64 | None = None) -> Floats64:
     """Fold the flash into the model: D with I_nf = Σ_j β_j D[:, :, j] I_f.
 
     Parameters
@@ -29,9 +28,7 @@ def flash_tensor(tensor: Array, flash: Array, seen_by: Array | None = None) -> A
     return np.stack([seen[:, :, j] @ from_flash for j in range(3)], axis=2)
 
 
-def light_coefficients(
-    no_flash: NDArray[np.floating], flash: NDArray[np.floating], d: Array
-) -> Array:
+def light_coefficients(no_flash: Floats, flash: Floats, d: Floats64) -> Floats64:
     """β of every pixel: the light of the no-flash photograph, relative to the flash's shading.
 
     Parameters
@@ -53,16 +50,16 @@ def light_coefficients(
     return np.stack([np.where(solvable, _dot(light, c) / safe, 0.0) for c in crossed], axis=-1)
 
 
-def _by_channel(pixels: NDArray[np.floating]) -> Array:
+def _by_channel(pixels: Floats) -> Floats64:
     """(..., 3) as (3, ...), on which NumPy is several times as fast."""
     return np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype=np.float64)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross(a: Floats64, b: Floats64) -> Floats64:
     return np.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: Floats64, b: Floats64) -> Floats64:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

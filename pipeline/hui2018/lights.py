@@ -7,8 +7,8 @@ make it better belongs elsewhere.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.pruning import prune
@@ -17,8 +17,6 @@ from pipeline.hui2018.two_lights import two_lights
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 NO_AGREEMENT = (
     "The light of hardly any pixel agrees with that of another: use a stronger flash and less ISO "
@@ -29,7 +27,7 @@ NO_AGREEMENT = (
 _FEWEST = 3  # invariants: a triangle needs as many
 
 
-def lights_of_pair(reduced: ReducedPair, model: Model, count: int) -> Array:
+def lights_of_pair(reduced: ReducedPair, model: Model, count: int) -> Floats64:
     """Coefficients (count, 3) of the lights of a pair, unit vectors in the model's coordinates.
 
     They are found by published_lights among the invariants of the pair, and raise as it does.
@@ -38,7 +36,7 @@ def lights_of_pair(reduced: ReducedPair, model: Model, count: int) -> Array:
     return unit(found @ np.linalg.inv(model.published).T)
 
 
-def invariants_of_pair(reduced: ReducedPair, model: Model) -> Array:
+def invariants_of_pair(reduced: ReducedPair, model: Model) -> Floats64:
     """Unit Γ = β/‖β‖ (n, 3) of the usable pixels in the published coordinates (Model.published).
 
     They are zero where the model cannot solve a pixel.
@@ -48,7 +46,7 @@ def invariants_of_pair(reduced: ReducedPair, model: Model) -> Array:
     return unit(light_coefficients(no_flash, flash, model.tensor) @ model.published.T)
 
 
-def published_lights(gammas: Array, count: int) -> Array:
+def published_lights(gammas: Floats64, count: int) -> Floats64:
     """Prune the invariants and find the lights: Algorithm 1 for two, Algorithm 2 for three.
 
     One light is of no interest to the source; the mean direction of the pruned invariants is

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.errors import OptionError
 from pipeline.images.frames import Image, Matrix
 from pipeline.lamps.lamps import Lamps
@@ -21,8 +22,6 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.directions import likely_orders, unit_directions
 from pipeline.separation.separation import Strip
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _MIN_PIXELS = 50  # that tell strengths
 _HELD, _HARDLY_HELD = 0.002, 0.001  # how firmly strengths given, or not, are where they start
@@ -43,9 +42,9 @@ class Photometry:
     """
 
     matrices: Matrix
-    greens: Array
-    inverse: Array
-    strengths: Array
+    greens: Floats64
+    inverse: Floats64
+    strengths: Floats64
 
 
 def solve_photometry(
@@ -81,7 +80,7 @@ def solve_photometry(
     return Photometry(matrices, greens, inverse / strengths, strengths)
 
 
-def inverse_directions(lights: Sequence[DirectedLight]) -> Array:
+def inverse_directions(lights: Sequence[DirectedLight]) -> Floats64:
     """L⁻¹ (3, 3) of the unit directions to three lamps.
 
     Raises OptionError for another number of them, and for directions that fix no normals.
@@ -127,8 +126,8 @@ def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
 
 
 def _relative_brightness(
-    no_flash: Image, flash: Image, matrices: Matrix, greens: Array, weights: Array
-) -> NDArray[np.float32]:
+    no_flash: Image, flash: Image, matrices: Matrix, greens: Floats64, weights: Floats64
+) -> Floats32:
     """q_j (3, h, W), green response of a white card under each lamp ÷ the same under the flash."""
     predicted = np.stack([flash @ matrix.T.astype(np.float32) for matrix in matrices])
     w = weights.astype(np.float32)
@@ -137,18 +136,18 @@ def _relative_brightness(
     )
 
 
-def _field(inverse: Array, q: NDArray[np.float32]) -> Image:
+def _field(inverse: Floats64, q: Floats32) -> Image:
     """Unit vectors (h, w, 3) along L⁻¹(q/e)."""
     return unit(np.einsum("cj,jhw->hwc", inverse, q)).astype(np.float32)
 
 
-def _lit_by_all(q: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _lit_by_all(q: Floats32) -> NDArray[np.bool_]:
     """Pixels lit by every lamp: q above a small part of its bright values."""
     bright = np.quantile(q, 0.9, axis=(1, 2), keepdims=True)
     return np.asarray((q > _MIN_LIT * bright).all(axis=0))
 
 
-def _view(reduced: ReducedPair, focal_px: float) -> Array:
+def _view(reduced: ReducedPair, focal_px: float) -> Floats64:
     """Unit vectors (h, w, 3) from the surface to the camera."""
     height, width = reduced.usable.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
@@ -158,8 +157,8 @@ def _view(reduced: ReducedPair, focal_px: float) -> Array:
 
 
 def _strengths(
-    lights: Sequence[DirectedLight], inverse: Array, q: NDArray[np.float32], view: Array
-) -> tuple[Array, float]:
+    lights: Sequence[DirectedLight], inverse: Floats64, q: Floats32, view: Floats64
+) -> tuple[Floats64, float]:
     """Effective strengths from v·L⁻¹(q/e) = constant over pixels (n,), and how far it is none.
 
     Strengths given are where the search starts and hold where pixels say little (all surfaces

@@ -7,16 +7,14 @@ Lines of the plane are great circles of the sphere: mixtures of two lights lie o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _LEAST_HEIGHT = 0.1  # z; points nearer to the equator project towards infinity
 
 
-def rotate_to_pole(center: Array) -> Array:
+def rotate_to_pole(center: Floats64) -> Floats64:
     """Rotation R (3, 3) that takes the direction of the center (3,) to the north pole (0, 0, 1).
 
     The azimuth is free in the source; here east stays in the plane at right angles to the y axis.
@@ -26,7 +24,7 @@ def rotate_to_pole(center: Array) -> Array:
     return np.stack([east, np.cross(pole, east), pole])
 
 
-def to_plane(gammas: Array, center: Array) -> tuple[Array, Array]:
+def to_plane(gammas: Floats64, center: Floats64) -> tuple[Floats64, Floats64]:
     """Rotate the center to the north pole and project on the tangent plane (steps 2 and 3).
 
     Parameters
@@ -46,6 +44,6 @@ def to_plane(gammas: Array, center: Array) -> tuple[Array, Array]:
     return front[:, :2] / front[:, 2:], rotation
 
 
-def from_plane(points: Array, rotation: Array) -> Array:
+def from_plane(points: Floats64, rotation: Floats64) -> Floats64:
     """Invert to_plane: (n, 2) points of the tangent plane → (n, 3) unit vectors (last step)."""
     return unit(np.column_stack([points, np.ones(len(points))]) @ rotation)

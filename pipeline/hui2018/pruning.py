@@ -6,17 +6,15 @@ Source: Hui et al. 2018, supplement, step 1 of Algorithms 1 and 2: G ← G(H > T
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.projection import rotate_to_pole
-
-Array = NDArray[np.float64]
 
 _BINS = 200
 """Bins from −1 to 1 in x and in y, each 0.57° wide at the pole: those of the authors' program."""
 
 
-def prune(gammas: Array) -> Array:
+def prune(gammas: Floats64) -> Floats64:
     """Keep the invariants in bins that hold more than T of them (step 1).
 
     The source names the cutoff T and gives no value. Here T is the mean count over all the bins

@@ -6,22 +6,20 @@ Source: Hui et al. 2018, supplement, section 2 (the cone of the lights) and eq. 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.lamps.shares import shares
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
-
 
 def published_layers(
-    no_flash: NDArray[np.floating],
-    flash: NDArray[np.floating],
-    coefficients: Array,
-    d: Array,
-    axes: Array,
-) -> NDArray[np.float32]:
+    no_flash: Floats,
+    flash: Floats,
+    coefficients: Floats64,
+    d: Floats64,
+    axes: Floats64,
+) -> Floats32:
     """Layers of the lamps by eq. 3: I_j = ‖β‖ αᵀ E z_j b_j, with Γ = Σ z_j b_j and z ≥ 0.
 
     Parameters

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.projection import from_plane, to_plane
-
-Array = NDArray[np.float64]
 
 _GRID = 1e-4  # of the tangent plane, 0.006°
 
 
-def three_lights(gammas: Array) -> Array:
+def three_lights(gammas: Floats64) -> Floats64:
     """Algorithm 2 after its pruning: steps 2 to 5.
 
     Parameters
@@ -33,7 +31,7 @@ def three_lights(gammas: Array) -> Array:
     return from_plane(minimum_triangle(points), rotation)
 
 
-def minimum_triangle(points: Array) -> Array:
+def minimum_triangle(points: Floats64) -> Floats64:
     """Corners (3, 2) of the triangle of least area around the points (n, 2), n ≥ 1 (step 4)."""
     # OpenCV breaks on corners nearer than 1e-5, so they are put on a grid of whole numbers,
     # and it finds no hull where 0 and −0 are the only ones, so −0 becomes 0

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.projection import from_plane, to_plane
-
-Array = NDArray[np.float64]
 
 _TRIALS = 1000
 _TOLERANCE = np.tan(np.radians(0.3))
@@ -18,7 +17,7 @@ _TOLERANCE = np.tan(np.radians(0.3))
 these."""
 
 
-def two_lights(gammas: Array) -> Array:
+def two_lights(gammas: Floats64) -> Floats64:
     """Algorithm 1 after its pruning: steps 2 to 6.
 
     findCenter is not defined in the source; the mean is taken, as in Algorithm 2. The end points
@@ -38,7 +37,7 @@ def two_lights(gammas: Array) -> Array:
     return from_plane(origin + np.outer([along.min(), along.max()], direction), rotation)
 
 
-def _fit_line(points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _fit_line(points: Floats64) -> tuple[Floats64, Floats64, NDArray[np.bool_]]:
     """RANSAC (step 4): origin (2,), unit direction (2,), inliers (n,) of the line with most.
 
     The line through the best two points is refined by total least squares on its inliers. The
@@ -61,6 +60,6 @@ def _fit_line(points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return origin, direction, best
 
 
-def _near(points: Array, origin: Array, direction: Array) -> NDArray[np.bool_]:
+def _near(points: Floats64, origin: Floats64, direction: Floats64) -> NDArray[np.bool_]:
     normal = np.array([-direction[1], direction[0]])
     return np.asarray(np.abs(points @ normal - origin @ normal) <= _TOLERANCE)

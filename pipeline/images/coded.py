@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.memory import release_rows
 from pipeline.images.strips import strips
 
-Image = NDArray[np.float32]
+Image = Floats32
 
 _ROWS = 8  # at a time: they stay in the processor's cache
 
@@ -45,7 +46,7 @@ class CodedImage(ABC):
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)
 
-    def write_planes(self, rows: slice, planes: NDArray[np.float32]) -> None:
+    def write_planes(self, rows: slice, planes: Floats32) -> None:
         """Write some rows into planes (3, h, W)."""
         self._write_planes(self._codes[rows], planes)
 
@@ -62,7 +63,7 @@ class CodedImage(ABC):
         """Light of contiguous code values, in their shape."""
 
     @abstractmethod
-    def _write_planes(self, codes: NDArray[Any], planes: NDArray[np.float32]) -> None:
+    def _write_planes(self, codes: NDArray[Any], planes: Floats32) -> None:
         """Write the light of code values (h, W, 3) into planes (3, h, W)."""
 
 
@@ -72,7 +73,7 @@ class TableImage(CodedImage):
     codes: uint8. table: float32 (256,), the light of each code value.
     """
 
-    def __init__(self, codes: NDArray[np.uint8], table: NDArray[np.float32]) -> None:
+    def __init__(self, codes: NDArray[np.uint8], table: Floats32) -> None:
         super().__init__(codes)
         self._table = table
 
@@ -85,7 +86,7 @@ class TableImage(CodedImage):
             return np.asarray(self._table[codes])
         return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
 
-    def _write_planes(self, codes: NDArray[np.uint8], planes: NDArray[np.float32]) -> None:
+    def _write_planes(self, codes: NDArray[np.uint8], planes: Floats32) -> None:
         for channel, plane in zip(cv2.split(codes), planes, strict=True):
             cv2.LUT(channel, self._table, dst=plane)
 
@@ -109,7 +110,7 @@ class LevelImage(CodedImage):
         light *= self._step
         return light
 
-    def _write_planes(self, codes: NDArray[np.uint16], planes: NDArray[np.float32]) -> None:
+    def _write_planes(self, codes: NDArray[np.uint16], planes: Floats32) -> None:
         for rows in strips(len(codes), _ROWS):
             for channel, plane in zip(cv2.split(codes[rows]), planes[:, rows], strict=True):
                 np.subtract(channel, self._black, out=plane)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import exact
 
-Array = NDArray[np.float32]
 
-
-def enlarge(blocks: Array, side: int, rows: slice, enlarged: Array) -> None:
+def enlarge(blocks: Floats32, side: int, rows: slice, enlarged: Floats32) -> None:
     """Write some rows of planes of the full-size picture, bilinear between the blocks' middles.
 
     Parameters
@@ -25,7 +24,7 @@ def enlarge(blocks: Array, side: int, rows: slice, enlarged: Array) -> None:
     _enlarge(blocks, x, right, y, lower, enlarged)
 
 
-def _between(start: int, stop: int, side: int, blocks: int) -> tuple[NDArray[np.int64], Array]:
+def _between(start: int, stop: int, side: int, blocks: int) -> tuple[NDArray[np.int64], Floats32]:
     """First of the two blocks beside each pixel start…stop of an axis, the second's weight."""
     place = (np.arange(start, stop) + 0.5) / side - 0.5
     first = np.clip(np.floor(place), 0, max(blocks - 2, 0))
@@ -34,12 +33,12 @@ def _between(start: int, stop: int, side: int, blocks: int) -> tuple[NDArray[np.
 
 @exact
 def _enlarge(
-    blocks: Array,
+    blocks: Floats32,
     x: NDArray[np.int64],
-    right: Array,
+    right: Floats32,
     y: NDArray[np.int64],
-    lower: Array,
-    enlarged: Array,
+    lower: Floats32,
+    enlarged: Floats32,
 ) -> None:
     one = np.float32(1.0)
     height, _, planes = blocks.shape
@@ -57,7 +56,7 @@ def _enlarge(
 
 
 @exact
-def _widen(blocks: Array, x: NDArray[np.int64], right: Array, row: Array) -> None:
+def _widen(blocks: Floats32, x: NDArray[np.int64], right: Floats32, row: Floats32) -> None:
     for j in range(len(x)):
         second = blocks[min(x[j] + 1, len(blocks) - 1)]
         row[j] = (np.float32(1.0) - right[j]) * blocks[x[j]] + right[j] * second

@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.coded import CodedImage
 from pipeline.images.memory import release_rows
 from pipeline.images.noise import Noise
 
-Image = NDArray[np.float32]
+Image = Floats32
 Mask = NDArray[np.bool_]
-Matrix = NDArray[np.float64]
-Plane = NDArray[np.float32]
+Matrix = Floats64
+Plane = Floats32
 Planes = tuple[Plane, Plane, Plane]
 Photograph = Image | CodedImage
 """Linear pixels (H, W, 3), in memory as they are or as code values."""
@@ -26,7 +27,7 @@ Colour = tuple[Any, Any, Any]
 """Three channels in a compiled loop: of one pixel, or of a row of them."""
 
 
-def numbers_of(array: NDArray[np.floating]) -> Numbers:
+def numbers_of(array: Floats) -> Numbers:
     """Entries of an array, row by row, as compiled loops keep them in registers.
 
     Of an array among their arguments they would not know that nothing writes to it.

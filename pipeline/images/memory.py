@@ -11,12 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
+
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
 
-def empty_image(*shape: int) -> NDArray[np.float32]:
+def empty_image(*shape: int) -> Floats32:
     """Make a float32 array (H, …) whose rows release_rows can give back. Raises MemoryError."""
     return _empty(shape, np.dtype(np.float32))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pipeline.arrays import Floats, Floats64
 
 GRAIN_SCALES = (2, 4, 8)
 """Sides in pixels of the squares whose means tell over what area noise hangs together."""
@@ -21,13 +22,11 @@ class Noise:
     hangs together, 1 for a bare sensor, more after demosaicing, denoising and compression.
     """
 
-    gain: NDArray[np.float64]
-    floor: NDArray[np.float64]
+    gain: Floats64
+    floor: Floats64
     grain: float = 1.0
 
-    def variance(
-        self, pixels: NDArray[np.floating], averaged: float | NDArray[np.floating] = 1.0
-    ) -> NDArray[np.float64]:
+    def variance(self, pixels: Floats, averaged: float | Floats = 1.0) -> Floats64:
         """Variance of values (..., 3), or of means of so many neighbouring pixels."""
         single = self.gain * np.maximum(pixels, 0.0) + self.floor
         return np.asarray(single * np.minimum(1.0, self.grain / averaged))
@@ -48,9 +47,7 @@ class Noise:
         return Noise(self.gain + other.gain, self.floor + other.floor, grain)
 
 
-def line_through(
-    brightness: NDArray[np.floating], variances: NDArray[np.floating]
-) -> tuple[float, float]:
+def line_through(brightness: Floats, variances: Floats) -> tuple[float, float]:
     """Non-negative gain and floor of a line through variances (n,) over brightness (n,).
 
     Least squares of relative errors.

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float32]
+from pipeline.arrays import Floats32
 
 
-def push_pull(values: Array, weight: Array) -> Array:
+def push_pull(values: Floats32, weight: Floats32) -> Floats32:
     """Fill gaps from ever wider surroundings (Gortler et al., "The Lumigraph", 1996).
 
     Parameters

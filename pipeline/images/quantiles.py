@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import exact, summing
-
-Array = NDArray[np.float32]
 
 ENOUGH = 100_000
 """Values, spread over a picture, that tell its quantiles."""
@@ -25,7 +24,7 @@ def quantile(values: NDArray[Any], share: float) -> float:
 
 
 @exact
-def weighted_quantile(values: Array, weights: Array, share: float) -> Any:
+def weighted_quantile(values: Floats32, weights: Floats32, share: float) -> Any:
     """Least of some finite values up to which a share 0…1 of all their weight lies.
 
     By halving the range until one value is left within it, or no number. For other compiled loops,
@@ -50,7 +49,9 @@ def weighted_quantile(values: Array, weights: Array, share: float) -> Any:
 
 
 @summing
-def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> tuple[np.float32, np.int32]:
+def _weight_up_to(
+    values: Floats32, weights: Floats32, limit: np.float32
+) -> tuple[np.float32, np.int32]:
     """Of the values up to a limit, how much they weigh and how many they are."""
     total, count = np.float32(0.0), np.int32(0)
     for i in range(len(values)):
@@ -60,7 +61,7 @@ def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> tuple[np.
 
 
 @summing
-def _sum_between(values: Array, low: np.float32, high: np.float32) -> np.float32:
+def _sum_between(values: Floats32, low: np.float32, high: np.float32) -> np.float32:
     """Of the values above low and up to high."""
     total = np.float32(0.0)
     for i in range(len(values)):

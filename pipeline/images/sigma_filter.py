@@ -10,15 +10,14 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import compiled, inlined
 from pipeline.images.frames import Image, Plane
 from pipeline.images.noise import Noise
 from pipeline.images.strips import widened
 
-Array = NDArray[np.float32]
-Planes = NDArray[np.float32]
+Planes = Floats32
 
 _GAPS = (1, 2, 5, 12)  # pixels between those of the 3×3 window of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
@@ -102,7 +101,7 @@ class _Round:
     """What comes out of one round; rows that may be asked for again are kept."""
 
     def __init__(
-        self, before: _Rows, gap: int, size: tuple[int, int], noise: tuple[Array, Array]
+        self, before: _Rows, gap: int, size: tuple[int, int], noise: tuple[Floats32, Floats32]
     ) -> None:
         self._before = before
         self._gap = gap
@@ -135,7 +134,7 @@ class _Round:
 
 
 @compiled
-def _stabilize(planes: Planes, gain: Array, floor: Array, stable: Planes) -> None:
+def _stabilize(planes: Planes, gain: Floats32, floor: Floats32, stable: Planes) -> None:
     """Write planes (6, h, W) so that their noise has unit variance everywhere.
 
     Source: Anscombe 1948, for the noise of a photograph. gain, floor: (6,).
@@ -260,7 +259,7 @@ def _distance(a: Any, b0: Any, b1: Any, b2: Any, b3: Any, b4: Any, b5: Any) -> A
 
 
 @inlined
-def _count(joins: Array, counted: Any, inverse: Any) -> None:
+def _count(joins: Floats32, counted: Any, inverse: Any) -> None:
     """Write how many pixels joined, and 1 ÷ that."""
     one = np.float32(1.0)
     j0, j1, j2, j3, j4 = joins[0], joins[1], joins[2], joins[3], joins[4]
@@ -271,7 +270,9 @@ def _count(joins: Array, counted: Any, inverse: Any) -> None:
 
 
 @inlined
-def _average(joins: Array, inverse: Any, above: Any, own: Any, below: Any, averages: Any) -> None:
+def _average(
+    joins: Floats32, inverse: Any, above: Any, own: Any, below: Any, averages: Any
+) -> None:
     """Write averages (n,) of one channel over the pixels that joined from three rows (W,)."""
     gap, width = (len(own) - len(averages)) // 2, len(own)
     left, middle, right = slice(width - 2 * gap), slice(gap, width - gap), slice(2 * gap, width)

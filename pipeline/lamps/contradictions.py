@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.known import Known, Pin
@@ -12,8 +12,6 @@ from pipeline.matrixfit.unexplained import unexplained
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.vectors import angles_deg, unit
-
-Array = NDArray[np.float64]
 
 # Chosen on development scenes (docs/decisions/0008-known-lamps.md)
 _WORSE, _UNEXPLAINED = 20.0, 0.5  # log likelihood; of unexplained
@@ -76,7 +74,7 @@ def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> b
     return more - unexplained(reduced, evidence, free.matrices) > _UNEXPLAINED
 
 
-def other_light(pin: Pin, matrix: Array) -> float:
+def other_light(pin: Pin, matrix: Floats64) -> float:
     """By how much chromaticities shown by a pinned lamp differ from a matrix's, noise left out."""
     data = pin.term.data
     off = data.u - data.corners(matrix[None])[0]
@@ -86,7 +84,7 @@ def other_light(pin: Pin, matrix: Array) -> float:
     return float(np.sqrt(max(squared - noise, 0.0)))
 
 
-def _angles(matrix: Array, others: Array, flash_white: Array) -> Array:
+def _angles(matrix: Floats64, others: Floats64, flash_white: Floats64) -> Floats64:
     """Angles (n,) in degrees between the white card of one lamp and of others (n, 3, 3)."""
     cosines = unit(others @ flash_white) @ unit(matrix @ flash_white)
     return angles_deg(np.abs(cosines))

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
@@ -24,8 +24,6 @@ from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.surface_colours import scatter_within_colours
 from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 MUCH_LEFT = 0.08
 """Relative light left over by lamps that do not explain a photograph; bounced and shiny light
@@ -102,7 +100,7 @@ def count_lamps(
 
 
 def signs_of_fourth(
-    reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
+    reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Floats64
 ) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
     if not evidence.has_edges:
@@ -112,7 +110,7 @@ def signs_of_fourth(
     return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
 
 
-def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
+def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> float:
     """How far what two lamps (2, 3, 3) do not explain speaks for a third, below 0 against it."""
     off = 0.0
     if evidence.has_edges:

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.spectra.families import FAMILIES
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 # Chosen on development scenes (docs/decisions/0008-known-lamps.md)
 _SPREAD, _APPROXIMATE_SPREAD = 0.05, 0.2  # of directions of length one
@@ -29,8 +27,8 @@ class FamilyBank:
     """
 
     prior: MatrixPrior
-    flash_white: Array
-    places: Mapping[str, Array]
+    flash_white: Floats64
+    places: Mapping[str, Floats64]
     spread: float
 
     def probabilities(self, matrix: Matrix) -> dict[str, float]:
@@ -55,7 +53,10 @@ class FamilyBank:
 
 
 def learn_families(
-    prior: MatrixPrior, lamp_matrices: Mapping[str, Matrix], flash_white: Array, approximate: bool
+    prior: MatrixPrior,
+    lamp_matrices: Mapping[str, Matrix],
+    flash_white: Floats64,
+    approximate: bool,
 ) -> FamilyBank:
     """Learn the families from the matrices (n, 3, 3) of the measured lamps of each.
 
@@ -71,7 +72,7 @@ def learn_families(
     return FamilyBank(prior, flash_white, places, spread)
 
 
-def _places(matrices: Matrix, prior: MatrixPrior, flash_white: Array) -> Array:
+def _places(matrices: Matrix, prior: MatrixPrior, flash_white: Floats64) -> Floats64:
     whites = matrices @ flash_white
     sign = np.sign(whites.sum(axis=1))[:, None]  # chromaticities do not tell T from −T
     outside = prior.coordinates(matrices)[:, 3:]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
 from pipeline.lamps.model import Model
@@ -19,8 +19,6 @@ from pipeline.options import Circle, KnownLamp, Options
 from pipeline.pair.reduced import ReducedPair
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _FEWEST = 5  # blocks of the reduced pair that tell a light
 _SAME_DEGREES = 1.0  # between colours of two lamps that cannot be told apart
@@ -71,7 +69,7 @@ def find_known(options: Options, reduced: ReducedPair, model: Model) -> Known:
     return known
 
 
-def _check_seen(model: Model, light: Array, what: str) -> None:
+def _check_seen(model: Model, light: Floats64, what: str) -> None:
     camera = model.camera
     seen, of_flash = ((camera.sensitivities @ power).sum() for power in (light, model.flash))
     if not seen > _LEAST_SEEN * of_flash:

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 from pipeline.spectra.lights import lamp_spectra
 from pipeline.spectra.matrices import by_spectrum
-
-Array = NDArray[np.float64]
 
 _WHITE_OFF, _ACROSS_OFF = 0.03, 0.1
 """How far a fitted matrix is off: on white surfaces, and on colours, which say less of it."""
@@ -32,12 +30,12 @@ class SpectrumPrior:
     card's colour under the flash.
     """
 
-    mean: Array
-    expected: Array
-    gain: Array
-    flash_white: Array
+    mean: Floats64
+    expected: Floats64
+    gain: Floats64
+    flash_white: Floats64
 
-    def spectrum(self, matrix: Matrix) -> Array:
+    def spectrum(self, matrix: Matrix) -> Floats64:
         """Spectrum (W,), positive, of a lamp of matrix T (3, 3), flash part → lamp, of any scale.
 
         The mean of measured lamps where T gives a white card no light.
@@ -49,7 +47,7 @@ class SpectrumPrior:
         return np.asarray(np.maximum(self.mean + self.gain @ off, _LEAST * self.mean))
 
 
-def learn_spectra(sensitivities: Array, flash: Array) -> SpectrumPrior:
+def learn_spectra(sensitivities: Floats64, flash: Floats64) -> SpectrumPrior:
     """Learn what spectra lamps have. sensitivities: (3, W). flash: (W,), its spectrum."""
     white = sensitivities @ flash
     to_matrix = by_spectrum(sensitivities, sensitivities * flash)

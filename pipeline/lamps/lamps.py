@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError, UnusablePairError, counted
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
@@ -31,8 +32,6 @@ from pipeline.options import Lights, Method
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import RunWarning
 from pipeline.vectors import angles_deg, unit
-
-Array = NDArray[np.float64]
 
 MIN_PIXELS = 200
 """As few as tell anything of lamps."""
@@ -63,18 +62,18 @@ class Lamps:
     another search came to and the nearest of these, or back; 0 where there was none.
     """
 
-    coefficients: Array
+    coefficients: Floats64
     matrices: Matrix
     deviations: Deviations
-    channel_weights: Array
+    channel_weights: Floats64
     requested: Lights
     confidence: float
-    lamp_confidence: Array
+    lamp_confidence: Floats64
     pinned: NDArray[np.int64]
-    invariants: Array
+    invariants: Floats64
     four_or_more: bool
     left_over: float
-    alone: Array
+    alone: Floats64
     contradictions: tuple[RunWarning, ...]
     rival_deg: float = 0.0
 
@@ -184,7 +183,7 @@ class _Found:
     coefficients, matrices, rival_deg: as in Lamps. deviations: of the lamps from warm to cool.
     """
 
-    coefficients: Array
+    coefficients: Floats64
     matrices: Matrix
     deviations: Deviations
     rival_deg: float = 0.0
@@ -197,7 +196,7 @@ def _published(reduced: ReducedPair, model: Model, number: int) -> _Found:
 
 
 def _fitted(
-    reduced: ReducedPair, evidence: Evidence, model: Model, first: Fit, fit: Fit, weights: Array
+    reduced: ReducedPair, evidence: Evidence, model: Model, first: Fit, fit: Fit, weights: Floats64
 ) -> _Found:
     """The lamps of a fit. first: the one that its search began from. weights: of the channels."""
     if fit.cost == np.inf:
@@ -218,7 +217,7 @@ def _fitted(
     )
 
 
-def _invariants(reduced: ReducedPair, model: Model) -> Array:
+def _invariants(reduced: ReducedPair, model: Model) -> Floats64:
     """Unit Γ (n, 3) of the usable pixels, pruned as published, in the model's coordinates."""
     gammas = invariants_of_pair(reduced, model)
     kept = prune(gammas[gammas.any(axis=1)])
@@ -227,7 +226,7 @@ def _invariants(reduced: ReducedPair, model: Model) -> Array:
     return unit(kept @ np.linalg.inv(model.published).T)
 
 
-def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
+def _normalised(matrices: Matrix, model: Model) -> tuple[Floats64, Matrix]:
     """Coefficients (N, 3) of unit length, and the matrices that go with them."""
     whites = matrices @ model.flash_white
     # chromaticities do not tell T from −T
@@ -235,7 +234,7 @@ def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
     return whites / scale[:, None], matrices / scale[:, None, None]
 
 
-def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
+def _rival_deg(found: Fit, coefficients: Floats64, model: Model) -> float:
     """Largest angle between lamps that the search passed over and the nearest found, or back."""
     furthest = 0.0
     for rival in found.passed_over:
@@ -245,12 +244,12 @@ def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
     return furthest
 
 
-def _warm_first(coefficients: Array) -> NDArray[np.int64]:
+def _warm_first(coefficients: Floats64) -> NDArray[np.int64]:
     """Order (N,) of the lamps from warm to cool, so that equal scenes give equal names."""
     return np.argsort(-coefficients[:, 0] / coefficients.sum(1), kind="stable")
 
 
-def _stand_out(coefficients: Array, gammas: Array) -> Array:
+def _stand_out(coefficients: Floats64, gammas: Floats64) -> Floats64:
     """Share of a lamp's angle to its nearest other (or, alone, of 10°) that is not scatter."""
     if len(coefficients) == 1:
         off = np.linalg.norm(gammas - coefficients[0], axis=1)
@@ -263,7 +262,7 @@ def _stand_out(coefficients: Array, gammas: Array) -> Array:
     return np.asarray(nearest**2 / np.maximum(nearest**2 + (2 * scatter) ** 2, 1e-12))
 
 
-def _angles(coefficients: Array) -> Array:
+def _angles(coefficients: Floats64) -> Floats64:
     """Angles in degrees between each lamp and the others, (N, N − 1)."""
     cosines = coefficients @ coefficients.T
     n = len(coefficients)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import flash_tensor
 from pipeline.images.frames import Matrix
@@ -19,8 +19,6 @@ from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.families import family_spectra
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
 from pipeline.spectra.matrices import balancing_matrix, best_matrix
-
-Array = NDArray[np.float64]
 
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
@@ -37,8 +35,8 @@ class Response:
     under D65.
     """
 
-    tensor: Array
-    sensitivities: Array
+    tensor: Floats64
+    sensitivities: Floats64
     camera_to_xyz: Matrix
 
 
@@ -65,27 +63,27 @@ class Model:
     """
 
     camera: Camera
-    flash: Array
+    flash: Floats64
     lamp_spectra: SpectrumPrior
-    tensor: Array
+    tensor: Floats64
     published: Matrix
     prior: MatrixPrior
     families: FamilyBank
-    flash_white: Array
-    neutral: Array
-    neutral_light: Array
+    flash_white: Floats64
+    neutral: Floats64
+    neutral_light: Floats64
     flash_to_neutral: Matrix
     camera_to_xyz: Matrix
     neutral_to_xyz: Matrix
     response: Response | None
 
-    def lamp_matrix(self, coefficients: NDArray[np.floating]) -> Matrix:
+    def lamp_matrix(self, coefficients: Floats) -> Matrix:
         """Return T (3, 3) of a lamp (3,), or (N, 3, 3) of lamps (N, 3): I_lamp = z · T I_flash."""
         return np.asarray(np.einsum("klj,...j->...kl", self.tensor, coefficients))
 
 
 def build_model(
-    camera: Camera, flash: Array, neutral: Array, basis: str, response: Camera | None = None
+    camera: Camera, flash: Floats64, neutral: Floats64, basis: str, response: Camera | None = None
 ) -> Model:
     """Learn the model from measured lamps and reflectances.
 
@@ -123,7 +121,7 @@ def build_model(
     )
 
 
-def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
+def _check_camera(camera: Camera, flash: Floats64, neutral: Floats64) -> None:
     if not tells_colours_apart(camera.sensitivities):
         raise OptionError(
             f"The camera {camera.name!r} does not tell three colours apart: check the columns of "
@@ -147,7 +145,7 @@ def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
         )
 
 
-def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) -> Response:
+def _response(basis: SpectralBasis, s: Floats64, flash: Floats64, response: Camera) -> Response:
     other = response.sensitivities
     daylight = packaged_light(_DISPLAY_LIGHT)
     other = other * ((s @ daylight)[1] / (other @ daylight)[1])
@@ -159,11 +157,11 @@ def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) ->
     )
 
 
-def _lamp_matrices(s: Array, flash: Array, lamps: Array) -> Array:
+def _lamp_matrices(s: Floats64, flash: Floats64, lamps: Floats64) -> Floats64:
     """Best matrices (m, 3, 3) from the flash to each lamp (m, W)."""
     return np.stack([best_matrix(s * flash, s * lamp) for lamp in lamps])
 
 
-def _shown(s: Array, light: Array) -> Matrix:
+def _shown(s: Floats64, light: Floats64) -> Matrix:
     """Camera RGB under a light → XYZ, a white card of green 1 giving Y = 1."""
     return camera_to_xyz(s, light, reflectance_spectra()) * float((s @ light)[1])

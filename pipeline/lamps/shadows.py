@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shares import shares
 from pipeline.matrixfit.differences import shadow_edges
 from pipeline.matrixfit.evidence import readable_light
 from pipeline.pair.reduced import ReducedPair
 
-Array = NDArray[np.float64]
-
 _OFF = 0.03  # chromaticity between a difference and the lamp that it shows
 _FEWEST = 100  # edges of a lamp's shadows that tell anything
 _DEEPEST = 0.25  # of them: others end in the shadow's rim, which the lamp partly lights
 
 
-def light_in_shadows(reduced: ReducedPair, flash_only: bool, lamps: Lamps) -> Array:
+def light_in_shadows(reduced: ReducedPair, flash_only: bool, lamps: Lamps) -> Floats64:
     """Light of each lamp in its shadows ÷ beside them, (N,), 0 and more.
 
     Across the edge of a shadow a lamp's direct light goes, and its difference shows the lamp's
@@ -28,7 +26,7 @@ def light_in_shadows(reduced: ReducedPair, flash_only: bool, lamps: Lamps) -> Ar
     """
     ratios = readable_light(reduced, flash_only)
     weights = lamps.channel_weights
-    left: list[list[Array]] = [[] for _ in lamps.matrices]
+    left: list[list[Floats64]] = [[] for _ in lamps.matrices]
     for at in shadow_edges(ratios):
         light, colour = ratios.light[at], ratios.colour[at]
         gives = np.maximum(np.einsum("jkl,nel->jnek", lamps.matrices, colour), 0.0)

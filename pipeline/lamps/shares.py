@@ -5,18 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import exact, spliced
 from pipeline.images.frames import Colour
-
-Array = NDArray[np.float32]
 
 _REGULAR = 1e-6  # relative determinant below which lamps are too alike at a pixel to be told apart
 _LEAST = 1e-30  # squares and determinants below it are beyond single precision: black
 
 
-def shares(no_flash: Array, predictions: Array) -> Array:
+def shares(no_flash: Floats32, predictions: Floats32) -> Floats32:
     """Non-negative z that bring Σ_j z_j · predictions_j nearest to the no-flash photograph.
 
     Every subset of up to three lamps is solved exactly and the best one with z ≥ 0 is taken
@@ -39,7 +37,7 @@ def shares(no_flash: Array, predictions: Array) -> Array:
 
 
 @exact
-def _shares(light: Array, predictions: Array, found: Array) -> None:
+def _shares(light: Floats32, predictions: Floats32, found: Floats32) -> None:
     """Write shares (N, n) of n pixels."""
     for i in range(light.shape[0]):
         seen = light[i, 0], light[i, 1], light[i, 2]

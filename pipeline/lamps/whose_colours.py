@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
 from pipeline.lamps.lamps import MIN_PIXELS
@@ -20,8 +20,6 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, balanced, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.lights import reflectance_spectra
-
-Array = NDArray[np.float64]
 
 _TELLING_LAMPS = 2  # one lamp leaves the outline to chance, and any camera explains it
 _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
@@ -47,7 +45,7 @@ def names_no_camera(camera: Camera, frame: Frame) -> bool:
 
 def likely_camera(
     reduced: ReducedPair,
-    flash: Array,
+    flash: Floats64,
     requested: Lights,
     flash_only: bool,
     sensor: Camera | None,
@@ -206,12 +204,12 @@ class _Fits:
         return costs[min(costs)] if costs and min(costs) < self.cost(camera) else None
 
 
-def _under(flash: Array, camera: Camera) -> Array:
+def _under(flash: Floats64, camera: Camera) -> Floats64:
     """Colours (n, 3) of measured surfaces under the flash."""
     return np.asarray((reflectance_spectra() * flash) @ camera.sensitivities.T)
 
 
-def _log_ratios(colours: Array) -> Array:
+def _log_ratios(colours: Floats64) -> Floats64:
     """Medians (2,) of ln R/G and ln B/G over positive colours (n, 3)."""
     logs = np.log(colours)
     return np.asarray(np.median(logs[:, ::2] - logs[:, 1:2], axis=0))

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 
-Array = NDArray[np.float64]
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2))
@@ -36,13 +36,13 @@ class RelativeLight:
     """
 
     use: Mask
-    strength: Array
-    colour: Array
-    light: Array
-    total: Array
-    noise: Array
-    light_variance: Array
-    flash_variance: Array
+    strength: Floats64
+    colour: Floats64
+    light: Floats64
+    total: Floats64
+    noise: Floats64
+    light_variance: Floats64
+    flash_variance: Floats64
     coupled: float
 
     def alike(self, a: Places, b: Places) -> Mask:
@@ -50,7 +50,7 @@ class RelativeLight:
         apart = np.abs(self.colour[a] - self.colour[b]).max(axis=-1)
         return np.asarray(apart < _SAME_SURFACE + np.hypot(self.noise[a], self.noise[b]))
 
-    def covariance(self, at: Places) -> Array:
+    def covariance(self, at: Places) -> Floats64:
         """Covariance (..., 3, 3) of the light at places; the strength's own noise is in it."""
         y, v_n = self.light[at], self.light_variance[at]
         wide = self.flash_variance[at].sum(axis=-1)[..., None, None]
@@ -62,7 +62,7 @@ class RelativeLight:
 
 
 def relative_light(
-    no_flash: Array, flash: Array, v_n: Array, v_f: Array, use: Mask, coupled: float
+    no_flash: Floats64, flash: Floats64, v_n: Floats64, v_f: Floats64, use: Mask, coupled: float
 ) -> RelativeLight:
     """Light of a no-flash photograph relative to a flash part, (h, w, 3), with their variances."""
     strength = np.where(use, flash.sum(axis=2), 1.0)
@@ -110,7 +110,11 @@ def along(shape: tuple[int, ...], ox: int, oy: int, reach: int) -> list[tuple[sl
 
 
 def contrast(
-    ratios: RelativeLight, at: Places, factors: Array, surface: Array, significance: float = 0.0
+    ratios: RelativeLight,
+    at: Places,
+    factors: Floats64,
+    surface: Floats64,
+    significance: float = 0.0,
 ) -> Data:
     """What contrasts show, those left out that say little; their weight is their worth.
 

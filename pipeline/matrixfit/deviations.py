@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Numbers
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 TERMS = 10
 """Monomials of two variables up to the third degree."""
@@ -51,9 +50,9 @@ class Deviations:
     of 1, q₁, q₁², q₁³, q₂, q₁q₂, q₁²q₂, q₂², q₁q₂², q₂³.
     """
 
-    centre: Array
-    spread: Array
-    terms: Array
+    centre: Floats64
+    spread: Floats64
+    terms: Floats64
 
     def numbers(self) -> tuple[Numbers, tuple[Numbers, ...]]:
         """Centre and 1 ÷ spread, and each lamp's 30 terms, as compiled loops take them."""
@@ -66,7 +65,7 @@ def no_deviations(lamps: int) -> Deviations:
     return Deviations(np.zeros(2), np.ones(2), np.zeros((lamps, 3, TERMS)))
 
 
-def monomials(q: Array) -> Array:
+def monomials(q: Floats64) -> Floats64:
     """Return (..., 10) of the variables (..., 2), which are kept within 3 either way."""
     a, b = np.clip(q[..., 0], -FARTHEST, FARTHEST), np.clip(q[..., 1], -FARTHEST, FARTHEST)
     one = np.ones_like(a)
@@ -74,7 +73,7 @@ def monomials(q: Array) -> Array:
 
 
 def find_deviations(
-    reduced: ReducedPair, evidence: Evidence, matrices: Array, channel_weights: Array
+    reduced: ReducedPair, evidence: Evidence, matrices: Floats64, channel_weights: Floats64
 ) -> Deviations:
     """Fit the deviations of two or three lamps (N, 3, 3) by one robust step of Gauss and Newton.
 
@@ -154,8 +153,8 @@ class _Pixels:
         self,
         reduced: ReducedPair,
         some: NDArray[np.int64],
-        matrices: Array,
-        weights: Array,
+        matrices: Floats64,
+        weights: Floats64,
         where: Deviations,
     ) -> None:
         """some: (n,) of the usable pixels. where: centre and spread of chromaticities."""
@@ -187,7 +186,7 @@ class _Pixels:
         self.weights = weights
         self.powers = monomials((flash[:, :2] - where.centre) / where.spread)
 
-    def change(self, by_light: Array, chosen: NDArray[np.int64]) -> Array:
+    def change(self, by_light: Floats64, chosen: NDArray[np.int64]) -> Floats64:
         """What deviations change of something linear in light: (n, m, N · 3 · 10).
 
         by_light: (n, m, 3), how it changes with the light that no share takes yet.
@@ -205,7 +204,9 @@ class _Normal:
         size = lamps * 3 * TERMS
         self._square, self._right = np.zeros((size, size)), np.zeros(size)
 
-    def add(self, change: Array, value: Array, squared: Array | float, weight: Array) -> None:
+    def add(
+        self, change: Floats64, value: Floats64, squared: Floats64 | float, weight: Floats64
+    ) -> None:
         """Add residuals (n, m) with their derivatives (n, m, size), robustly.
 
         squared: (n,), of the length beyond which they count less. weight: (n,).
@@ -216,7 +217,7 @@ class _Normal:
         self._square += rows.T @ rows
         self._right += rows.T @ (value * root[:, None]).ravel()
 
-    def solved(self, size: Array, powers: Array) -> Array:
+    def solved(self, size: Floats64, powers: Floats64) -> Floats64:
         """Terms (N, 3, 10); size: (N,) of the lamps' light, by which deviations are relative."""
         allowed = np.full(TERMS, _DEVIATION)
         allowed[_MATRIX_TERMS] = _OF_MATRIX
@@ -253,7 +254,7 @@ def _add_off_plane(normal: _Normal, pixels: _Pixels, chosen: NDArray[np.int64]) 
         normal.add(change, pixels.left[some] / light[:, None], _OFF**2 + noise, weight)
 
 
-def _add_alone(normal: _Normal, shown: Data, matrices: Array, where: Deviations) -> None:
+def _add_alone(normal: _Normal, shown: Data, matrices: Floats64, where: Deviations) -> None:
     """Differences across edges of shadows have the chromaticity of the lamp that is nearest."""
     lamps = len(matrices)
     u = shown.light

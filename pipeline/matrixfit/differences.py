@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.matrixfit.contrasts import Places, RelativeLight, contrast, steps
 from pipeline.matrixfit.data import Data
-
-Array = NDArray[np.float64]
 
 _SAME_SHADING = 0.15  # logarithm of the flash part
 _BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
@@ -59,13 +57,13 @@ def _shifted(
     return (a_rows, slice(0, width - ox)), (b_rows, slice(ox, width))
 
 
-def _is_edge(light: Array, use: Mask, ox: int, oy: int) -> Mask:
+def _is_edge(light: Floats64, use: Mask, ox: int, oy: int) -> Mask:
     """Whether the light changes between two pixels (ox, oy) apart and hardly beyond them."""
     padded = np.pad(np.where(use, light, np.nan), ((abs(oy), abs(oy)), (ox, ox)), mode="edge")
     height, width = light.shape
     inner = (slice(abs(oy), abs(oy) + height), slice(ox, ox + width))
 
-    def at(count: int) -> Array:
+    def at(count: int) -> Floats64:
         rows = slice(inner[0].start + count * oy, inner[0].stop + count * oy)
         columns = slice(inner[1].start + count * ox, inner[1].stop + count * ox)
         return padded[rows, columns]

@@ -9,11 +9,9 @@ import math
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.compiling import inlined
-
-Array = NDArray[np.float64]
 
 _LOG2_HIGH, _LOG2_LOW = 0.6931471803691238, 1.9082149292705877e-10  # ln 2 in two parts
 _ROUNDER = 1.5 * 2.0**52  # x + this has round(x) in its lowest bits
@@ -39,7 +37,7 @@ def _scaled_erfc(x: float) -> float:
     return 1.0 / (math.sqrt(math.pi) * fraction)
 
 
-def _tail(y: Array) -> Array:
+def _tail(y: Floats64) -> Floats64:
     """Q(t) exp(t²/2) (t + s) / s at y = (t − s) / (t + s), −1…1, with the normal tail Q."""
     share = (1.0 - y) / 2.0
     away = _TAIL_SCALE * (1.0 / share - 1.0) / math.sqrt(2.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.matrixfit.contrasts import RelativeLight, drawn, relative_light
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
@@ -14,8 +14,6 @@ from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 _DIM_FLASH, _DARK = 0.01, 0.005  # of the 99th percentile
 _MAX_NOISE = 0.04  # relative
@@ -116,7 +114,7 @@ def evidence_of_area(reduced: ReducedPair, flash_only: bool, area: Mask) -> Data
     return replace(data, weight=data.weight * (_AREA_WEIGHT / _PIXEL_WEIGHT))
 
 
-def evidence_of_surfaces(flash: Array, light: Array) -> Data:
+def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Data:
     """What surfaces show under one lamp, exactly.
 
     flash, light: (m, 3) camera RGB of surfaces under the flash and under the lamp; those that
@@ -129,7 +127,9 @@ def evidence_of_surfaces(flash: Array, light: Array) -> Data:
     return Data(x, u[:, :2], np.zeros_like(x), weight)
 
 
-def _readings(reduced: ReducedPair, flash_only: bool) -> tuple[Array, Array, Array, Array, float]:
+def _readings(
+    reduced: ReducedPair, flash_only: bool
+) -> tuple[Floats64, Floats64, Floats64, Floats64, float]:
     """No-flash photograph, flash part, their variances (h, w, 3), and how far they are coupled."""
     no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
@@ -139,7 +139,7 @@ def _readings(reduced: ReducedPair, flash_only: bool) -> tuple[Array, Array, Arr
     return no_flash, flash, v_n, v_f, coupled
 
 
-def _pixels(n: Array, f: Array, v_n: Array, v_f: Array, coupled: float) -> Data:
+def _pixels(n: Floats64, f: Floats64, v_n: Floats64, v_f: Floats64, coupled: float) -> Data:
     s_n, s_f = n.sum(axis=1), f.sum(axis=1)
     pick = draw(np.sqrt(s_n) * _rarity(n / s_n[:, None], f / s_f[:, None]), _PIXELS)
     n, f, v_n, v_f, s_n, s_f = (a[pick] for a in (n, f, v_n, v_f, s_n, s_f))
@@ -156,7 +156,7 @@ def _pixels(n: Array, f: Array, v_n: Array, v_f: Array, coupled: float) -> Data:
     return Data(x, u[:, :2], upper(c), weight)
 
 
-def _rarity(u: Array, x: Array) -> Array:
+def _rarity(u: Floats64, x: Floats64) -> Floats64:
     """How rare a pixel's light is."""
     ratio = u / np.maximum(x, _MIN_FLASH_COLOUR)
     ratio = ratio / ratio.sum(axis=1, keepdims=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps.model import Model
@@ -29,8 +29,6 @@ from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.matrixfit.unexplained import left_over, mean_left_over, unexplained
 from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 MOST_LAMPS = 3
 """As many as three colour channels tell apart."""
@@ -64,9 +62,9 @@ class Fit:
     forbidden. passed_over: (N, 3, 3) each, what else the search came to.
     """
 
-    matrices: Array
+    matrices: Floats64
     cost: float
-    passed_over: tuple[Array, ...] = ()
+    passed_over: tuple[Floats64, ...] = ()
 
 
 def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
@@ -116,8 +114,8 @@ def first_fit(
 
 
 def _likeliest(
-    problem: Problem, candidates: Array, published: Array | None, may_win: bool
-) -> list[Array]:
+    problem: Problem, candidates: Floats64, published: Floats64 | None, may_win: bool
+) -> list[Floats64]:
     """What the search comes to, and what it comes to from the published lamps, if there are any.
 
     The likelier comes first where published lamps may win.
@@ -204,14 +202,14 @@ def follow_outwards(
     return replace(usual, matrices=best)
 
 
-def _without_coves(evidence: Evidence, matrices: Array) -> Evidence:
+def _without_coves(evidence: Evidence, matrices: Floats64) -> Evidence:
     """Evidence without the pools that three lamps, as they were found, tell from those of one."""
     if len(matrices) < MOST_LAMPS:
         return evidence
     return replace(evidence, pools=without_coves(evidence.pools, matrices))
 
 
-def _leave_much(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> bool:
+def _leave_much(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> bool:
     """Whether lamps leave much unexplained."""
     # the few differences of an outline are chance, and tell nothing of what is left
     return evidence.has_edges and unexplained(reduced, evidence, matrices) > _LITTLE
@@ -231,14 +229,14 @@ def _least_unexplained(
     return Fit(matrices, np.inf if known.rejects(matrices) else cost)
 
 
-def _leaves_nothing(reduced: ReducedPair, matrices: Array, known: Known) -> bool:
+def _leaves_nothing(reduced: ReducedPair, matrices: Floats64, known: Known) -> bool:
     """Whether lamps, of which none is known, leave no light over."""
     if known.pinned or known.rejects(matrices):
         return False
     return mean_left_over(reduced, matrices) < _NOTHING
 
 
-def _candidates(evidence: Evidence, model: Model) -> Array:
+def _candidates(evidence: Evidence, model: Model) -> Floats64:
     """Matrices (k, 3, 3) that may be lamps."""
     return model.lamp_matrix(start_points(evidence, model.tensor))
 
@@ -247,7 +245,7 @@ def _cost_level(reduced: ReducedPair) -> float:
     return _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
 
 
-def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Iterator[Array]:
+def _otherwise(problem: Problem, evidence: Evidence, candidates: Floats64) -> Iterator[Floats64]:
     """Three lamps (3, 3, 3) by the outline, and by other shares of pure pixels."""
     known = problem.known
     usual, *others = _PURE_SHARES[MOST_LAMPS]
@@ -256,7 +254,7 @@ def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Itera
         yield search(other, candidates)[0]
 
 
-def _left(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> Array:
+def _left(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> Floats64:
     """What two or three lamps leave.
 
     Of two the light in all, and where most is left; of three, whose light explains nearly any, all
@@ -267,7 +265,7 @@ def _left(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> Array:
     return np.array([mean_left_over(reduced, matrices), left_over(reduced, matrices)])
 
 
-def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array | None:
+def _published(reduced: ReducedPair, model: Model, lamps: int) -> Floats64 | None:
     """Matrices (N, 3, 3) of unit norm of the lamps that the published method finds, if any."""
     try:
         matrices = model.lamp_matrix(lights_of_pair(reduced, model, lamps))
@@ -291,7 +289,7 @@ def _problem(
     return Problem(lamps, terms, wide, _OUTLINE_LEVELS, known)
 
 
-def _cost(matrices: Array, terms: list[Term], level: float) -> float:
+def _cost(matrices: Floats64, terms: list[Term], level: float) -> float:
     total = 0.0
     for term in terms:
         if len(term.data):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
@@ -15,14 +15,12 @@ from pipeline.matrixfit.pools import without_coves
 from pipeline.matrixfit.starts import start_points
 from pipeline.vectors import angles_deg, unit
 
-Array = NDArray[np.float64]
-
 _LEVEL = 0.004
 _DATA = 1600
 _OWN_DEGREES = 3.4  # from a lamp: twice the scatter of its colour over reflectances
 
 
-def gain_of_fourth(evidence: Evidence, model: Model, matrices: Array) -> float:
+def gain_of_fourth(evidence: Evidence, model: Model, matrices: Floats64) -> float:
     """How much log likelihood one more light adds to three lamps (3, 3, 3), 0 or more.
 
     It is that of the differences across edges of shadows, and where there are pools, the mean of
@@ -37,7 +35,7 @@ def gain_of_fourth(evidence: Evidence, model: Model, matrices: Array) -> float:
     return float(np.mean([_gain(one, model, matrices) for one in alone]))
 
 
-def _gain(evidence: Evidence, model: Model, matrices: Array) -> float:
+def _gain(evidence: Evidence, model: Model, matrices: Floats64) -> float:
     """As gain_of_fourth, of the differences alone."""
     lights = model.lamp_matrix(start_points(evidence, model.tensor))
     more = model.prior.matrices(model.prior.coordinates(lights))
@@ -47,14 +45,14 @@ def _gain(evidence: Evidence, model: Model, matrices: Array) -> float:
     return max([0.0, *(usual - cost for cost in costs)])
 
 
-def _degrees_off(lights: Array, model: Model, matrices: Array) -> Array:
+def _degrees_off(lights: Floats64, model: Model, matrices: Floats64) -> Floats64:
     """Angles (k,) between the colours of lights (k, 3, 3) and those of the nearest lamps."""
     colours, lamps = (unit(one @ model.flash_white) for one in (lights, matrices))
     cosines = np.abs(colours @ lamps.T)  # chromaticities do not tell T from −T
     return angles_deg(cosines.max(axis=1))
 
 
-def _cost(differences: Data, matrices: Array) -> float:
+def _cost(differences: Data, matrices: Floats64) -> float:
     """−log likelihood of differences, or of pools."""
     term = difference_term(differences, len(matrices))
     whitened = Whitened(replace(term, data=term.data.thinned(_DATA)), _LEVEL)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.lamps.shares import shares
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float32]
-Matrices = NDArray[np.float64]
 
 _AS_MUCH = 0.8  # of what a second lamp explains
 _LITTLE = 2e-4  # of the light, squared: what one lamp and gloss may leave over
 _MOST = 0.0025  # of a pixel's light, squared: what is further off tells of neither
 
 
-def is_gloss(
-    reduced: ReducedPair, one: Matrices, two: Matrices, flash_white: NDArray[np.float64]
-) -> bool:
+def is_gloss(reduced: ReducedPair, one: Floats64, two: Floats64, flash_white: Floats64) -> bool:
     """Whether one lamp (1, 3, 3) and mirrored light explain as much as two lamps (2, 3, 3) do.
 
     What a surface mirrors has the colour of the lamp and not of the surface (Shafer 1985). Where
@@ -48,7 +43,7 @@ def is_gloss(
     return bool(explained and worth @ with_gloss < _LITTLE)
 
 
-def _left_over(light: Array, colours: Array, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+def _left_over(light: Floats32, colours: Floats32, noise: Floats64) -> Floats64:
     """Light (n,) that mixtures of colours (k, n, 3) leave over, squared, less noise, of its own."""
     explained = (shares(light, colours)[..., None] * colours).sum(axis=0)
     # each colour follows the noise of one of three channels

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.objective import Term
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 FORBIDDEN_DEGREES = 3.0
 """No free lamp is as near as this to a forbidden one, in the colour of a white card."""
@@ -28,7 +27,7 @@ class Pin:
     """
 
     term: Term
-    matrix: Array
+    matrix: Floats64
     of_area: bool
 
 
@@ -41,25 +40,25 @@ class Known:
     """
 
     pinned: tuple[Pin, ...]
-    forbidden: Array
-    flash_white: Array
+    forbidden: Floats64
+    flash_white: Floats64
 
     @property
-    def matrices(self) -> Array:
+    def matrices(self) -> Floats64:
         """Matrices (k, 3, 3) of the pinned lamps."""
         return np.array([pin.matrix for pin in self.pinned]).reshape(-1, 3, 3)
 
-    def forbids(self, matrices: Array) -> NDArray[np.bool_]:
+    def forbids(self, matrices: Floats64) -> NDArray[np.bool_]:
         """Whether each of some lamps (n, 3, 3) comes near a forbidden one."""
         cosines = unit(matrices @ self.flash_white) @ self.forbidden.T
         # chromaticities do not tell T from −T
         return np.asarray((np.abs(cosines) > np.cos(np.radians(FORBIDDEN_DEGREES))).any(axis=1))
 
-    def rejects(self, matrices: Array) -> bool:
+    def rejects(self, matrices: Floats64) -> bool:
         """Whether a free lamp of a fit (N, 3, 3) comes near a forbidden one."""
         return bool(self.forbids(matrices[len(self.pinned) :]).any())
 
-    def fence(self, matrices: Array) -> tuple[float, Array]:
+    def fence(self, matrices: Floats64) -> tuple[float, Floats64]:
         """Penalty that keeps free lamps (N, 3, 3) off forbidden ones, and its gradient."""
         value, gradient = 0.0, np.zeros_like(matrices)
         if not len(self.forbidden):
@@ -76,7 +75,7 @@ class Known:
             gradient[lamp] = np.outer(by_white, self.flash_white)
         return value, gradient
 
-    def completed(self, matrices: Array) -> Array:
+    def completed(self, matrices: Floats64) -> Floats64:
         """Lamps (N, 3, 3) of which each pinned one has taken the place of the nearest."""
         rest = list(matrices)
         for pin in self.pinned:
@@ -85,6 +84,6 @@ class Known:
         return np.concatenate([self.matrices, np.array(rest).reshape(-1, 3, 3)])
 
 
-def nothing_known(flash_white: Array) -> Known:
+def nothing_known(flash_white: Floats64) -> Known:
     """No pinned lamp, and no forbidden one."""
     return Known((), np.zeros((0, 3)), flash_white)

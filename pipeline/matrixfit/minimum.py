@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Function = Callable[[Array], tuple[float, Array]]
+from pipeline.arrays import Floats64
+
+Function = Callable[[Floats64], tuple[float, Floats64]]
 """Gives a value and its gradient (n,) at a place (n,)."""
 
 _GAIN = 1e-4  # of what the slope promises, that a step must bring at least
@@ -29,19 +29,19 @@ _FLAT = 1e-5  # slopes at a minimum
 class Place:
     """A place (n,), the value there and its gradient (n,)."""
 
-    x: Array
+    x: Floats64
     value: float
-    gradient: Array
+    gradient: Floats64
 
 
 def minimum(
     function: Function,
-    start: Array,
+    start: Floats64,
     steps: int,
     precision: float,
     first: float = 1.0,
-    inverse: Array | None = None,
-) -> tuple[Place, Array]:
+    inverse: Floats64 | None = None,
+) -> tuple[Place, Floats64]:
     """The lowest place to which so many steps lead, or fewer where nothing more is gained.
 
     precision: relative gain below which a step is the last. first: how far from the start (n,) the
@@ -71,7 +71,7 @@ def minimum(
     return here, inverse
 
 
-def _lower(function: Function, here: Place, direction: Array) -> Place | None:
+def _lower(function: Function, here: Place, direction: Floats64) -> Place | None:
     """A lower place in a direction, where it is less steep; None where none is found."""
     slope = float(here.gradient @ direction)
     low, high, length = 0.0, np.inf, 1.0

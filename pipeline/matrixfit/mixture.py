@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.compiling import compiled, exact, inlined, summing
 from pipeline.matrixfit.elementary import exp, log, ndtr
-
-Array = NDArray[np.float64]
 
 _SHORT = 0.01  # of σ: edges shorter than this keep a fixed direction
 _AREA_SCALE = 50.0
@@ -38,8 +36,13 @@ _ACROSS, _ALONG, _BELL, _E0, _E1, _EDGE = range(_BLOCK, 7 * _BLOCK, _BLOCK)
 
 
 def blocks(
-    x: Array, u: Array, whitener: Array, sigma: Array, worth: Array, area_power: float
-) -> Array:
+    x: Floats64,
+    u: Floats64,
+    whitener: Floats64,
+    sigma: Floats64,
+    worth: Floats64,
+    area_power: float,
+) -> Floats64:
     """Data as `mixture` takes them, the last block filled up with data worth nothing.
 
     Parameters
@@ -57,7 +60,7 @@ def blocks(
 
 
 @compiled
-def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
+def _corner(data: Floats64, matrix: Floats64, weight: float, lamp: Floats64) -> None:
     """A lamp's corner and its density: normal about it."""
     share = weight * _PEAK * _PEAK
     m00, m01, m02 = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -81,7 +84,7 @@ def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
 
 
 @compiled
-def _mirror(data: Array, red: float, green: float, weight: float, lamp: Array) -> None:
+def _mirror(data: Floats64, red: float, green: float, weight: float, lamp: Floats64) -> None:
     """The density of light that is mirrored: normal about the lamp's own chromaticity."""
     share = weight * _PEAK * _PEAK
     for i in range(_BLOCK):
@@ -93,7 +96,12 @@ def _mirror(data: Array, red: float, green: float, weight: float, lamp: Array) -
 
 @compiled
 def _edge(
-    data: Array, first: Array, second: Array, weight: float, extension: float, edge: Array
+    data: Floats64,
+    first: Floats64,
+    second: Floats64,
+    weight: float,
+    extension: float,
+    edge: Floats64,
 ) -> None:
     """An edge's density: normal across it, even along it with ends blurred alike."""
     share = weight * _PEAK / (1.0 + 2.0 * extension)
@@ -130,7 +138,12 @@ def _edge(
 
 @compiled
 def _interior(
-    data: Array, lamps: Array, edges: Array, weight: float, area_power: float, inside: Array
+    data: Floats64,
+    lamps: Floats64,
+    edges: Floats64,
+    weight: float,
+    area_power: float,
+    inside: Floats64,
 ) -> None:
     """The density of three lamps' triangle: even within it, blurred at its edges."""
     for i in range(_BLOCK):
@@ -178,13 +191,13 @@ def _ends(slope: float, along: float) -> tuple[float, float]:
 
 
 @compiled
-def _add(part: Array, mixed: Array) -> None:
+def _add(part: Floats64, mixed: Floats64) -> None:
     for i in range(_BLOCK):
         mixed[i] += part[i]
 
 
 @summing
-def _settle(data: Array, mixed: Array) -> float:
+def _settle(data: Floats64, mixed: Floats64) -> float:
     """−Σ worth · log of the mixed density, which becomes worth ÷ density."""
     value = 0.0
     for i in range(_BLOCK):
@@ -195,7 +208,7 @@ def _settle(data: Array, mixed: Array) -> float:
 
 
 @summing
-def _dot(part: Array, scale: Array) -> float:
+def _dot(part: Floats64, scale: Floats64) -> float:
     total = 0.0
     for i in range(_BLOCK):
         total += part[i] * scale[i]
@@ -203,7 +216,7 @@ def _dot(part: Array, scale: Array) -> float:
 
 
 @summing
-def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
+def _pull(data: Floats64, lamp: Floats64, scale: Floats64, gradient: Floats64) -> None:
     """Add the gradient in a lamp's matrix."""
     g00 = g01 = g02 = g10 = g11 = g12 = g20 = g21 = g22 = 0.0
     for i in range(_BLOCK):
@@ -229,7 +242,7 @@ def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
 
 
 @summing
-def _pull_of_mirror(data: Array, lamp: Array, scale: Array) -> tuple[float, float]:
+def _pull_of_mirror(data: Floats64, lamp: Floats64, scale: Floats64) -> tuple[float, float]:
     """How a lamp's own chromaticity is pulled."""
     red = green = 0.0
     for i in range(_BLOCK):
@@ -241,15 +254,15 @@ def _pull_of_mirror(data: Array, lamp: Array, scale: Array) -> tuple[float, floa
 
 @exact
 def mixture(
-    matrices: Array,
-    data: Array,
-    weights: Array,
+    matrices: Floats64,
+    data: Floats64,
+    weights: Floats64,
     extension: float,
     outlier: float,
     area_power: float,
     interior: bool,
-    mirrored: Array,
-) -> tuple[float, Array, Array]:
+    mirrored: Floats64,
+) -> tuple[float, Floats64, Floats64]:
     """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
     Parameters

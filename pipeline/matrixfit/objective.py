@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.mixture import blocks, mixture
 from pipeline.matrixfit.prior import MatrixPrior
-
-Array = NDArray[np.float64]
 
 _EM_ROUNDS = 3
 _COVES = 0.15  # of pools, at first
@@ -49,9 +47,9 @@ class Term:
 
     data: Data
     shape: Shape
-    weights: Array
+    weights: Floats64
     pseudo_count: float | None
-    mirrored: Array = field(default_factory=lambda: np.zeros(3))
+    mirrored: Floats64 = field(default_factory=lambda: np.zeros(3))
 
 
 class Whitened:
@@ -72,10 +70,10 @@ class Whitened:
             term.data.x, u, whitener, sigma, term.data.weight, term.shape.area_power
         )
 
-    def value(self, matrices: Array, weights: Array) -> tuple[float, Array, Array]:
+    def value(self, matrices: Floats64, weights: Floats64) -> tuple[float, Floats64, Floats64]:
         """−Σ weight · log density, its gradient in the matrices (N, 3, 3), counts (K,)."""
         shape = self.term.shape
-        found: tuple[float, Array, Array] = mixture(
+        found: tuple[float, Floats64, Floats64] = mixture(
             np.ascontiguousarray(matrices),
             self._blocks,
             weights,
@@ -87,7 +85,7 @@ class Whitened:
         )
         return found
 
-    def reweighted(self, matrices: Array, weights: Array) -> Array:
+    def reweighted(self, matrices: Floats64, weights: Floats64) -> Floats64:
         """Weights of the components after some rounds of EM with the matrices held."""
         if self.term.pseudo_count is None or not len(self.term.data):
             return weights
@@ -98,13 +96,13 @@ class Whitened:
 
 
 def posterior(
-    theta: Array,
+    theta: Floats64,
     prior: MatrixPrior,
     terms: list[Whitened],
-    weights: list[Array],
+    weights: list[Floats64],
     alone: list[Whitened],
-    fence: Callable[[Array], tuple[float, Array]],
-) -> tuple[float, Array]:
+    fence: Callable[[Floats64], tuple[float, Floats64]],
+) -> tuple[float, Floats64]:
     """Objective and gradient at θ (N, 9).
 
     alone: what each of the first lamps shows alone. fence: a penalty of matrices (N, 3, 3) and its
@@ -127,7 +125,7 @@ def posterior(
 
 
 def make_terms(
-    evidence: Evidence, lamps: int, outline: bool, pure_share: float, flash_white: Array
+    evidence: Evidence, lamps: int, outline: bool, pure_share: float, flash_white: Floats64
 ) -> list[Term]:
     """The mixtures for a number of lamps.
 
@@ -185,14 +183,14 @@ def without_mirrors(term: Term) -> Term:
     return replace(term, weights=weights / weights.sum(), mirrored=np.zeros(3))
 
 
-def most_mirrored(term: Term, matrices: Array, s0: float) -> float:
+def most_mirrored(term: Term, matrices: Floats64, s0: float) -> float:
     """Share of the data that the mirror of one of two lamps (2, 3, 3) explains at a level s0."""
     if not term.mirrored.any():
         return 0.0
     return float(Whitened(term, s0).reweighted(matrices, term.weights)[-3:-1].max())
 
 
-def _with_mirrors(term: Term, flash_white: Array) -> Term:
+def _with_mirrors(term: Term, flash_white: Floats64) -> Term:
     """The mixture of differences of two lamps of which some are the borders of highlights.
 
     Light that a surface mirrors has the lamp's colour and not the surface's (Shafer 1985).

@@ -10,12 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
 from pipeline.matrixfit.data import Data, draw
 from pipeline.vectors import cross_2d
-
-Array = NDArray[np.float64]
 
 _REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
 _FLAT = 0.03  # logarithm of the flash part, from the middle to each side
@@ -45,7 +44,7 @@ def find_pools(ratios: RelativeLight) -> list[Data]:
     return parts
 
 
-def without_coves(pools: Data, matrices: Array) -> Data:
+def without_coves(pools: Data, matrices: Floats64) -> Data:
     """Pools but those in which the light of all three lamps (3, 3, 3) bends.
 
     So it does where a backdrop bends from table to wall, which the flash lights too evenly to tell.
@@ -58,8 +57,8 @@ def without_coves(pools: Data, matrices: Array) -> Data:
 
 
 def _bends(
-    ratios: RelativeLight, shading: Array, ox: int, oy: int
-) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    ratios: RelativeLight, shading: Floats64, ox: int, oy: int
+) -> tuple[Floats64, NDArray[np.intp], NDArray[np.intp]]:
     """Second differences along (ox, oy), ox ≥ 0, on flat surfaces, and their rows and columns."""
     views = along(ratios.use.shape, ox, oy, 1)
     if not views:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _MIN_DEVIATION = 0.02
 _NORM_WEIGHT = 50.0
@@ -23,19 +22,19 @@ class MatrixPrior:
     deviations of unit-norm matrices along those.
     """
 
-    basis: Array
-    deviations: Array
+    basis: Floats64
+    deviations: Floats64
 
-    def coordinates(self, matrices: Array) -> Array:
+    def coordinates(self, matrices: Floats64) -> Floats64:
         """θ (N, 9) of matrices (N, 3, 3), scaled to length one."""
         theta = matrices.reshape(-1, 9) @ self.basis
         return np.asarray(theta / np.linalg.norm(theta, axis=1, keepdims=True))
 
-    def matrices(self, theta: Array) -> Array:
+    def matrices(self, theta: Floats64) -> Floats64:
         """Matrices (N, 3, 3) of θ (N, 9)."""
         return (theta @ self.basis.T).reshape(-1, 3, 3)
 
-    def penalty(self, theta: Array) -> tuple[float, Array]:
+    def penalty(self, theta: Floats64) -> tuple[float, Floats64]:
         """½ Σ (c/sd)² + 50 (|θ|² − 1)² over the lamps, and its gradient (N, 9)."""
         outside = theta[:, 3:] / self.deviations
         excess = (theta**2).sum(axis=1) - 1.0
@@ -45,7 +44,7 @@ class MatrixPrior:
         return float(value), gradient
 
 
-def learn_prior(tensor: Array, lamp_matrices: Array) -> MatrixPrior:
+def learn_prior(tensor: Floats64, lamp_matrices: Floats64) -> MatrixPrior:
     """Learn the prior from the tensor (3, 3, 3) and the matrices (m, 3, 3) of measured lamps."""
     vectors = lamp_matrices.reshape(-1, 9)
     vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.known import Known
 from pipeline.matrixfit.minimum import minimum
 from pipeline.matrixfit.objective import Term, Whitened, posterior
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
 """Annealing: level s0, and how many of the best go on."""
@@ -43,7 +41,7 @@ class Problem:
     known: Known
 
 
-def search(problem: Problem, candidates: Array) -> tuple[Array, float]:
+def search(problem: Problem, candidates: Floats64) -> tuple[Floats64, float]:
     """Matrices (N, 3, 3) that sets of candidates lead to, and their cost, as follow gives them.
 
     candidates: (k, 3, 3) matrices that may be lamps.
@@ -59,7 +57,7 @@ def search(problem: Problem, candidates: Array) -> tuple[Array, float]:
     return follow(problem, [problem.prior.matrices(theta) for _, theta, _ in best])
 
 
-def follow(problem: Problem, starts: list[Array]) -> tuple[Array, float]:
+def follow(problem: Problem, starts: list[Floats64]) -> tuple[Floats64, float]:
     """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 3, 3) lead to.
 
     The cost beside them is −log posterior at the last level. They have a forbidden lamp among
@@ -76,7 +74,7 @@ def follow(problem: Problem, starts: list[Array]) -> tuple[Array, float]:
     return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True)), cost
 
 
-def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
+def _best_starts(problem: Problem, candidates: Floats64) -> list[Floats64]:
     """The few sets of lamps (N, 9) that explain a sample of the data best."""
     terms, prior, known = problem.terms, problem.prior, problem.known
     pinned = tuple(range(len(known.pinned)))
@@ -97,7 +95,7 @@ def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
     for term in thin:
         if len(term.term.data):
             scores += [term.value(matrices[list(one)], term.term.weights)[0] for one in sets]
-    kept: list[Array] = []
+    kept: list[Floats64] = []
     for i in np.argsort(scores, kind="stable"):
         chosen = list(sets[i])
         one = unit(matrices[chosen].sum(axis=2))
@@ -109,19 +107,19 @@ def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
     return kept
 
 
-def _unlike(one: Array, other: Array) -> bool:
+def _unlike(one: Floats64, other: Floats64) -> bool:
     """Whether some lamp of one set is far from every lamp of the other."""
     return bool((one @ other.T).max(axis=1).min() < _ALIKE)
 
 
 def _refined(
-    theta: Array,
-    weights: list[Array],
+    theta: Floats64,
+    weights: list[Floats64],
     problem: Problem,
     s0: float,
     precision: float,
     inside_only: bool = False,
-) -> tuple[float, Array, list[Array]]:
+) -> tuple[float, Floats64, list[Floats64]]:
     """Alternate EM on the weights and BFGS on the matrices at one annealing level.
 
     precision: as in minimum. inside_only: move only within the model's three-dimensional space. The
@@ -138,8 +136,8 @@ def _refined(
         weights = [w.reweighted(matrices, old) for w, old in zip(whitened, weights, strict=True)]
 
         def objective(
-            flat: Array, theta: Array = theta, weights: list[Array] = weights
-        ) -> tuple[float, Array]:
+            flat: Floats64, theta: Floats64 = theta, weights: list[Floats64] = weights
+        ) -> tuple[float, Floats64]:
             moved = theta.copy()
             moved[:, free] = flat.reshape(shape)
             result, gradient = posterior(moved, prior, whitened, weights, alone, known.fence)

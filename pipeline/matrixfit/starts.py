@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.lights import NO_AGREEMENT
@@ -13,8 +13,6 @@ from pipeline.hui2018.projection import from_plane, to_plane
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _BINS, _BLUR = 96, 1.2
 _PEAKS_OF_DIFFERENCES, _PEAKS_OF_PIXELS = 14, 8
@@ -24,13 +22,13 @@ _SAME_DEGREES = 1.5
 _MOST_CANDIDATES = 30
 
 
-def invariants(data: Data, tensor: Array) -> Array:
+def invariants(data: Data, tensor: Floats64) -> Floats64:
     """Unit Γ (n, 3) of data, those that the model cannot solve left out."""
     gammas = unit(light_coefficients(data.light, data.x, tensor))
     return np.asarray(gammas[gammas.any(axis=1)])
 
 
-def start_points(evidence: Evidence, tensor: Array) -> Array:
+def start_points(evidence: Evidence, tensor: Floats64) -> Floats64:
     """Coefficients (k, 3) of lights that may be lamps; at most thirty.
 
     Raises UnusablePairError where the model makes no sense of any pixel, as under a wrong camera.
@@ -42,7 +40,7 @@ def start_points(evidence: Evidence, tensor: Array) -> Array:
     plane, rotation = to_plane(pixels, center)
     if not len(plane):
         raise UnusablePairError(NO_AGREEMENT)
-    found: list[Array] = []
+    found: list[Floats64] = []
     for alone in (evidence.differences, evidence.terminators, evidence.pools):
         if len(alone):
             points, _ = to_plane(invariants(alone, tensor), center)
@@ -52,7 +50,7 @@ def start_points(evidence: Evidence, tensor: Array) -> Array:
     return _merged(np.concatenate(found), rotation)
 
 
-def _peaks(points: Array, frame: Array, count: int) -> Array:
+def _peaks(points: Floats64, frame: Floats64, count: int) -> Floats64:
     """Strongest local maxima of the blurred histogram, within the bounds of `frame`."""
     low, high = np.quantile(frame, [0.001, 0.999], axis=0)
     margin = 0.3 * (high - low).max() + 1e-3
@@ -67,7 +65,7 @@ def _peaks(points: Array, frame: Array, count: int) -> Array:
     return np.asarray(low + (strongest + 0.5) * size)
 
 
-def _extremes(points: Array) -> Array:
+def _extremes(points: Floats64) -> Floats64:
     """Medians of the outermost points in twelve directions."""
     found = []
     for angle in np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS:
@@ -76,9 +74,9 @@ def _extremes(points: Array) -> Array:
     return np.array(found)
 
 
-def _merged(points: Array, rotation: Array) -> Array:
+def _merged(points: Floats64, rotation: Floats64) -> Floats64:
     """Unit vectors of points, near ones only once, the first ones first."""
-    kept: list[Array] = []
+    kept: list[Floats64] = []
     for vector in from_plane(points, rotation):
         if all(vector @ other < np.cos(np.radians(_SAME_DEGREES)) for other in kept):
             kept.append(vector)

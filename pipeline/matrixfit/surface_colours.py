@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 _WIDTH = 0.004  # of red and green chromaticity under the flash, within which colours are one
 _DARK = 0.1  # of the median of all light, below which a pixel tells little of its colour
@@ -16,7 +15,7 @@ _SPREAD = 0.1  # of the picture's width and height, by which they lie apart (sta
 _MOSTLY = 0.5  # of the pixels, that must be of such colours
 
 
-def scatter_within_colours(reduced: ReducedPair, one: Array) -> float:
+def scatter_within_colours(reduced: ReducedPair, one: Floats64) -> float:
     """Variance, among surfaces of one colour, of what one lamp does not explain; all of it is 1.
 
     one: (1, 3, 3) matrix of the lamp. No matrix takes the flash part of every surface to its light
@@ -48,12 +47,12 @@ def scatter_within_colours(reduced: ReducedPair, one: Array) -> float:
     return float(min(1.0, within / max(weights @ np.square(beside[many]).sum(axis=1), 1e-12)))
 
 
-def _means(values: Array, cell: NDArray[np.int64]) -> Array:
+def _means(values: Floats64, cell: NDArray[np.int64]) -> Floats64:
     """Means (m, k) of values (n, k) by cell (n,), 0 to m − 1."""
     counts = np.bincount(cell)
     return np.stack([np.bincount(cell, column) / counts for column in values.T], axis=1)
 
 
-def _chromaticities(colours: Array) -> Array:
+def _chromaticities(colours: Floats64) -> Floats64:
     """Red and green (n, 2) of colours (n, 3), of their sum."""
     return np.asarray(colours[:, :2] / colours.sum(axis=1, keepdims=True))

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
 from pipeline.matrixfit.data import Data
 
-Array = NDArray[np.float64]
-
 _REACH = 3  # steps to either side
 _SAME_SHADING = 0.3  # logarithm of the flash part, from the middle to the next
 _LEAST_BEND = 0.01  # of the mean light relative to the flash

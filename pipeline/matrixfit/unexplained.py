@@ -8,16 +8,14 @@ outside their triangle.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.quantiles import weighted_quantile
 from pipeline.lamps.shares import shares
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair, variance_left
 from pipeline.vectors import cross_2d
-
-Array = NDArray[np.float64]
 
 _QUANTILE = 0.9
 _OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
@@ -26,7 +24,7 @@ _BESIDE, _ALIKE = 0.01, 1e-3  # of the light; sine between lamps whose plane is 
 _MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
 
 
-def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
+def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> float:
     """How much lamps (N, 3, 3) leave unexplained, all signs together; of three, 1 is much."""
     signs = left_over(reduced, matrices) / _MUCH_LEFT
     signs += share_off(evidence.differences, matrices) / _MUCH_OFF
@@ -35,7 +33,7 @@ def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> fl
     return signs + share_outside(evidence.pixels, matrices) / _MUCH_OUTSIDE
 
 
-def left_over(reduced: ReducedPair, matrices: Array) -> float:
+def left_over(reduced: ReducedPair, matrices: Floats64) -> float:
     """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own.
 
     That is the photograph's, or what the lamps make of a weak flash part's, if it is more.
@@ -52,13 +50,13 @@ def left_over(reduced: ReducedPair, matrices: Array) -> float:
     return float(np.sqrt(max(whole**2 - noise**2, 0.0)))
 
 
-def mean_left_over(reduced: ReducedPair, matrices: Array) -> float:
+def mean_left_over(reduced: ReducedPair, matrices: Floats64) -> float:
     """Share of all light that lamps (N, 3, 3) leave unexplained, noise included."""
     left, light, _ = _left_of_pixels(reduced, matrices)
     return float(left.sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
-def share_beside(reduced: ReducedPair, matrices: Array) -> float:
+def share_beside(reduced: ReducedPair, matrices: Floats64) -> float:
     """Share of the light that is surely no mixture of two lamps (2, 3, 3).
 
     It is that of pixels whose light lies more than a hundredth of itself, and three standard
@@ -86,14 +84,14 @@ def share_beside(reduced: ReducedPair, matrices: Array) -> float:
     return float(light[surely & ~alike].sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
-def share_off(differences: Data, matrices: Array) -> float:
+def share_off(differences: Data, matrices: Floats64) -> float:
     """Share of the differences that show none of the lamps alone."""
     if not len(differences):
         return 0.0
     return float(1.0 - shares_alone(differences, matrices).sum())
 
 
-def shares_alone(data: Data, matrices: Array) -> Array:
+def shares_alone(data: Data, matrices: Floats64) -> Floats64:
     """Shares (N,) of the data that show each of the lamps (N, 3, 3) alone, 0 without any."""
     if not len(data):
         return np.zeros(len(matrices))
@@ -103,7 +101,7 @@ def shares_alone(data: Data, matrices: Array) -> Array:
     return np.array([np.mean(shown & (nearest == lamp)) for lamp in range(len(matrices))])
 
 
-def places_alone(evidence: Evidence, matrices: Array) -> Array:
+def places_alone(evidence: Evidence, matrices: Floats64) -> Floats64:
     """Places (N,) that show each of the lamps (N, 3, 3) alone ÷ usable pixels.
 
     They are edges of shadows, and terminators, which count less.
@@ -113,7 +111,7 @@ def places_alone(evidence: Evidence, matrices: Array) -> Array:
     return edges + _TERMINATOR * bends
 
 
-def share_outside(pixels: Data, matrices: Array) -> float:
+def share_outside(pixels: Data, matrices: Floats64) -> float:
     """Share of the pixels outside the triangle of three lamps."""
     corners = pixels.corners(matrices)
     turn = np.sign(cross_2d(corners[1] - corners[0], corners[2] - corners[0]))
@@ -127,8 +125,8 @@ def share_outside(pixels: Data, matrices: Array) -> float:
 
 
 def _left_of_pixels(
-    reduced: ReducedPair, matrices: Array
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    reduced: ReducedPair, matrices: Floats64
+) -> tuple[Floats32, Floats32, Floats32]:
     """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, all, and shares."""
     no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
     weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
@@ -140,10 +138,10 @@ def _left_of_pixels(
     return np.abs(left) @ (1.0 / weights), _total(no_flash), found
 
 
-def _total(light: NDArray[np.float32]) -> NDArray[np.float32]:
+def _total(light: Floats32) -> Floats32:
     """Sum over channels of (n, 3); NumPy's takes ten times as long."""
     return np.asarray(light @ np.ones(3, np.float32))
 
 
-def _deviation(data: Data) -> Array:
+def _deviation(data: Data) -> Floats64:
     return np.sqrt(data.variance / 2)

@@ -10,8 +10,8 @@ page computes the same (service/page/mix.js).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation, adapts
 from pipeline.colour.temperature import white_of
 from pipeline.images.frames import Image, Matrix, Photograph
@@ -56,7 +56,7 @@ def mix_matrices(basis: MixBasis, mix: Mix) -> Matrix:
     )
 
 
-def mixed(layers: NDArray[np.float32], matrices: Matrix) -> Image:
+def mixed(layers: Floats32, matrices: Matrix) -> Image:
     """Add up layers (N, h, W, 3), each through its matrix: (h, W, 3)."""
     total = np.zeros(layers.shape[1:], np.float32)
     for layer, matrix in zip(layers, matrices.astype(np.float32), strict=True):
@@ -79,7 +79,7 @@ def _matrix(basis: MixBasis, lamp: LampBasis, settings: LampMix) -> Matrix:
     return np.asarray(gel[:, None] * (XYZ_TO_SRGB @ shown))
 
 
-def _rounded(values: NDArray[np.float64]) -> list[float]:
+def _rounded(values: Floats64) -> list[float]:
     rounded = [float(f"{value:.{_DIGITS}g}") for value in values.flat]
     kept: list[float] = np.reshape(rounded, values.shape).tolist()
     return kept

@@ -10,8 +10,8 @@ from typing import Any
 import Imath
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.decode.quiet import muted
 from pipeline.encode.exr import ExrFile, name_of
@@ -176,7 +176,7 @@ def _size(source: Any) -> tuple[int, int]:
     return size_of_window((window.min.x, window.min.y), (window.max.x, window.max.y))
 
 
-def _layers(source: Any, lamps: int, rows: slice) -> NDArray[np.float32]:
+def _layers(source: Any, lamps: int, rows: slice) -> Floats32:
     try:
         with muted():
             planes = source.channels(layer_channels(lamps), _FLOAT, rows.start, rows.stop - 1)

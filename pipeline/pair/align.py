@@ -13,8 +13,8 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.area_means import area_means, size_within
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image
@@ -63,7 +63,7 @@ class Alignment:
     """
 
     applied: bool
-    matrix: NDArray[np.float64]
+    matrix: Floats64
     correlation: float | None
     problem: str | None = None
 
@@ -121,7 +121,7 @@ def _shrunk(image: Image, longest: int) -> Image:
 
 def _estimate(
     reference: Image, sample: Image, reference_steps: Pyramid, sample_steps: Pyramid
-) -> NDArray[np.float64]:
+) -> Floats64:
     """Homography, in pixels of the steps, of the simplest motion that explains the photographs.
 
     reference, sample: edges; reference_steps, sample_steps: from pyramid. A richer motion must
@@ -161,7 +161,7 @@ def _estimate(
     return finish_motion(reference_steps, sample_steps, found, chosen)
 
 
-def _unzoomed(matrix: NDArray[np.float64], width: int, height: int) -> NDArray[np.float64]:
+def _unzoomed(matrix: Floats64, width: int, height: int) -> Floats64:
     """A motion (3, 3) that leaves things in the middle of the picture as large as they are."""
     middle = np.array([width / 2, height / 2, 1.0])
     x, y, w = matrix @ middle
@@ -172,14 +172,14 @@ def _unzoomed(matrix: NDArray[np.float64], width: int, height: int) -> NDArray[n
     return np.asarray(matrix @ there @ smaller @ np.linalg.inv(there))
 
 
-def _shift(reference: Image, sample: Image) -> NDArray[np.float64]:
+def _shift(reference: Image, sample: Image) -> Floats64:
     """Shift (3, 3) between edges, within a pixel or two of them, however far it goes."""
     window = cv2.createHanningWindow(reference.shape[::-1], cv2.CV_32F)
     (x, y), _ = cv2.phaseCorrelate(reference - reference.mean(), sample - sample.mean(), window)
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
-def _turn(reference: Image, sample: Image) -> NDArray[np.float64]:
+def _turn(reference: Image, sample: Image) -> Floats64:
     """Turn and shift (3, 3) between edges that correlates them best, within half a degree."""
     height, width = reference.shape
     middle = (width - 1) / 2, (height - 1) / 2
@@ -203,7 +203,7 @@ _MOTIONS = (  # where it is searched; what the refinement may change; what it mu
 )
 
 
-def _correlation(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
+def _correlation(reference: Image, sample: Image, matrix: Floats64) -> float:
     """Correlation of the edges where the warped sample covers the reference."""
     size = reference.shape[::-1]
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -264,16 +264,14 @@ def _local_mean(plane: Image) -> Image:
     return np.asarray(cv2.resize(smooth, (width, height)), dtype=np.float32)
 
 
-def _to_size(
-    matrix: NDArray[np.float64], size: tuple[int, int], other: tuple[int, int]
-) -> NDArray[np.float64]:
+def _to_size(matrix: Floats64, size: tuple[int, int], other: tuple[int, int]) -> Floats64:
     """Express a homography of pictures of one (width, height) in the pixels of another."""
     back = shrinking(size, other)
     matrix = np.linalg.inv(back) @ matrix @ back
     return np.asarray(matrix / matrix[2, 2])
 
 
-def _corner_motion(matrix: NDArray[np.float64], width: int, height: int) -> float:
+def _corner_motion(matrix: Floats64, width: int, height: int) -> float:
     """Largest displacement of the four corners, in pixels."""
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=float)
     moved = corners @ matrix.T

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.area_means import area_means
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.noise import GRAIN_SCALES, Noise, line_through
@@ -119,7 +120,7 @@ def _grain(
     known: Mask,
     rows: int,
     scales: list[int],
-    line: tuple[NDArray[np.float64], NDArray[np.float64]],
+    line: tuple[Floats64, Floats64],
     noise: Noise,
 ) -> float:
     """Area over which the noise hangs together, from means of ever more pixels.
@@ -145,9 +146,7 @@ def _halved(pixels: Image) -> Image:
     return area_means(pixels, size, (size[0] * 2, size[1] * 2))
 
 
-def _line(
-    pixels: Image, others: Image, typical: NDArray[np.floating], known: Mask
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _line(pixels: Image, others: Image, typical: Floats, known: Mask) -> tuple[Floats64, Floats64]:
     """Gain and floor of each channel; typical: (3,), where two lines are compared.
 
     known: blocks that are looked at.
@@ -168,9 +167,7 @@ def _line(
     return gains, floors
 
 
-def _flat_blocks(
-    pixels: Image, line: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> NDArray[np.bool_]:
+def _flat_blocks(pixels: Image, line: tuple[Floats64, Floats64]) -> NDArray[np.bool_]:
     """Blocks (H // 8, W // 8) that hold no more than noise."""
     means, variances = block_variances(pixels)
     return np.asarray((variances < _FLAT * Noise(*line).variance(means)).all(axis=2))
@@ -204,7 +201,7 @@ def _relative_variance(
 
 
 def _fit_line(
-    means: NDArray[np.floating], bins: list[NDArray[np.intp]], squares: NDArray[np.floating]
+    means: Floats32, bins: list[NDArray[np.intp]], squares: Floats32
 ) -> tuple[float, float]:
     """Gain and floor of the noise between the edges; bins: of blocks by their brightness.
 
@@ -217,7 +214,7 @@ def _fit_line(
     quiet = np.array([quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
     gain, floor = line_through(brightness, quiet)
     for _ in range(_ROUNDS):
-        limit = _WITHIN**2 * (gain * np.maximum(means, 0.0) + floor)
+        limit = np.asarray(_WITHIN**2 * (gain * np.maximum(means, 0.0) + floor), np.float32)
         counts, totals = squares_within(squares, limit)
         if counts[order].sum() / (len(order) * squares.shape[1]) < _MOST:
             break

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.area_means import area_means, size_within
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image
@@ -21,8 +22,6 @@ from pipeline.images.strips import STRIP_ROWS, strips
 from pipeline.pair.align import Alignment, edges
 from pipeline.pair.refine import log_detail
 from pipeline.threads import at_once
-
-Array = NDArray[np.float32]
 
 _LONG_SIDE = 1000  # pixels at which the flow is searched
 _MOST_SIDE = 32766  # above which OpenCV does not resample by a map
@@ -39,7 +38,7 @@ _CODES = 110.0  # edges run from 0 to 2
 _SUM = np.ones((1, 3), np.float32)  # over channels, as a matrix
 
 
-def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
+def residual_flow(no_flash: Photograph, flash: Photograph) -> Floats32 | None:
     """Find where pixels of the no-flash photograph lie in the flash photograph.
 
     no_flash, flash: (H, W, 3) linear, aligned but for parallax. Returns (h, w, 2) float32 of
@@ -78,7 +77,7 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
 
 
 def warp_along(
-    image: Photograph, unusable: Mask, alignment: Alignment, flow: Array
+    image: Photograph, unusable: Mask, alignment: Alignment, flow: Floats32
 ) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels, by homography and flow in one.
 
@@ -103,7 +102,7 @@ def warp_along(
     return warped, bad
 
 
-def _rows_of(plane: Array, rows: slice, full: tuple[int, int]) -> Array:
+def _rows_of(plane: Floats32, rows: slice, full: tuple[int, int]) -> Floats32:
     """Some rows of a plane enlarged to (width, height), bilinear."""
     width, height = full
     x = (np.arange(width, dtype=np.float32) + 0.5) * (plane.shape[1] / width) - 0.5
@@ -116,7 +115,7 @@ def _rows_of(plane: Array, rows: slice, full: tuple[int, int]) -> Array:
     )
 
 
-def _search(reference: NDArray[np.uint8], sample: NDArray[np.uint8]) -> Array:
+def _search(reference: NDArray[np.uint8], sample: NDArray[np.uint8]) -> Floats32:
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(1)
     return np.asarray(
@@ -131,7 +130,7 @@ def _opened(mask: Mask) -> Mask:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
 
 
-def _moved(image: Array, flow: Array) -> Array:
+def _moved(image: Floats32, flow: Floats32) -> Floats32:
     height, width = flow.shape[:2]
     x = flow[..., 0] + np.arange(width, dtype=np.float32)
     y = flow[..., 1] + np.arange(height, dtype=np.float32)[:, None]
@@ -139,7 +138,7 @@ def _moved(image: Array, flow: Array) -> Array:
     return np.asarray(moved, dtype=np.float32)
 
 
-def _lit(image: Image) -> Array:
+def _lit(image: Image) -> Floats32:
     """Where light falls (h, w, 1), 0 or 1: at its ends, steps are of light, not of reflectance."""
     light = np.asarray(cv2.transform(image, _SUM))
     dark = (light < np.float32(_DARK * quantile(light, 0.95))).astype(np.uint8)
@@ -147,7 +146,7 @@ def _lit(image: Image) -> Array:
     return np.asarray(1.0 - near, dtype=np.float32)[..., None]
 
 
-def _correlation(reference: Image, sample: Image) -> tuple[Array, Array]:
+def _correlation(reference: Image, sample: Image) -> tuple[Floats32, Floats32]:
     """Local correlation of steps, −1…1, and their strength in the weaker photograph, (h, w)."""
     cross, first, second = (
         cv2.GaussianBlur(cv2.transform(a * b, _SUM), (0, 0), _WINDOW)

@@ -6,17 +6,14 @@ Pictures are (h, 3·w) here, the channels of a pixel side by side, so that loops
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.compiling import exact, summing
-
-Array = NDArray[np.float32]
-Doubles = NDArray[np.float64]
 
 
 @exact
 def span(
-    matrix: Doubles, y: int, size: tuple[int, int], margin: int, inset: int
+    matrix: Floats64, y: int, size: tuple[int, int], margin: int, inset: int
 ) -> tuple[int, int]:
     """First and end of the pixels of row y, margin from the border, that lie in the other picture.
 
@@ -44,7 +41,7 @@ def span(
 
 
 @summing
-def _slopes(first: Array, second: Array, y: int, out: Array) -> None:
+def _slopes(first: Floats32, second: Floats32, y: int, out: Floats32) -> None:
     """Sobel's gradient of the pictures' mean in row y and its square, (3, 3·w), overwritten."""
     count = first.shape[1]
     along, down = np.empty(count, np.float32), np.empty(count, np.float32)
@@ -62,8 +59,8 @@ def _slopes(first: Array, second: Array, y: int, out: Array) -> None:
 
 @exact
 def sampled(
-    first: Array, second: Array, matrix: Doubles, margin: int, inset: int, step: int
-) -> tuple[Array, Array]:
+    first: Floats32, second: Floats32, matrix: Floats64, margin: int, inset: int, step: int
+) -> tuple[Floats32, Floats32]:
     """Squared gradients of the mean, and differences, (3, n), of each step-th row's pixels.
 
     first, second: (h, 3·w), the second laid on the first by matrix. Pixels: see span; margin ≥ 1.
@@ -89,15 +86,15 @@ def sampled(
 
 @summing
 def equations(
-    first: Array,
-    second: Array,
-    matrix: Doubles,
+    first: Floats32,
+    second: Floats32,
+    matrix: Floats64,
     margin: int,
     inset: int,
-    least: Array,
-    widest: Array,
-    to_unit: Doubles,
-) -> Doubles:
+    least: Floats32,
+    widest: Floats32,
+    to_unit: Floats64,
+) -> Floats64:
     """Normal equations (8, 9) of a motion by the pixels that tell, right hand side last.
 
     least: (3,), squared gradient of each channel above which a pixel tells. widest: (3,),
@@ -149,7 +146,13 @@ def equations(
 
 @summing
 def add_products(
-    first: Array, second: Array, matrix: Doubles, top: int, height: int, inset: int, sums: Doubles
+    first: Floats32,
+    second: Floats32,
+    matrix: Floats64,
+    top: int,
+    height: int,
+    inset: int,
+    sums: Floats64,
 ) -> None:
     """Add sums of squares of both, and of their products, of the pixels in both (see span).
 

@@ -14,13 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.area_means import area_means
 from pipeline.images.blocks import any_in_blocks, blocks_within
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.noise import Noise
 from pipeline.threads import at_once
-
-Array = NDArray[np.float32]
 
 _LONG_SIDE = 1000  # pixels at which motion is looked for
 _SIGNIFICANT = 5.0  # standard deviations
@@ -83,13 +82,13 @@ def find_moved(
     return found.view(np.bool_)
 
 
-def _variance(noise: Noise, image: Image) -> Array:
+def _variance(noise: Noise, image: Image) -> Floats32:
     """What noise.variance gives for values ≥ 0, in single precision."""
     line = np.column_stack([np.diag(noise.gain), noise.floor])
     return np.asarray(cv2.transform(image, line.astype(np.float32)))
 
 
-def _lost(before: Image, after: Image, variances: list[Array], least: float) -> Mask:
+def _lost(before: Image, after: Image, variances: list[Floats32], least: float) -> Mask:
     """Pixels that are darker with the flash than everything around them without it."""
     around = cv2.erode(before, np.ones((3, 3), np.uint8))  # half a pixel of misalignment is none
     difference = cv2.GaussianBlur(after - around, (0, 0), _EDGE_BLUR)
@@ -98,7 +97,7 @@ def _lost(before: Image, after: Image, variances: list[Array], least: float) -> 
     return np.asarray(dark.any(axis=2))
 
 
-def _edges_that_differ(before: Image, after: Image, variances: list[Array]) -> tuple[Mask, Mask]:
+def _edges_that_differ(before: Image, after: Image, variances: list[Floats32]) -> tuple[Mask, Mask]:
     """Edges that are gone with the flash, and edges that were not there without it."""
     first, second = _gradient(before), _gradient(after)
     own, other = _window(first, first), _window(second, second)
@@ -123,17 +122,17 @@ def _evenly_lit(before: Image, after: Image) -> Mask:
     return np.asarray(cv2.erode(flash, square) > _EVEN_FLASH * cv2.dilate(flash, square))
 
 
-def _gradient(image: Image) -> tuple[Array, Array]:
+def _gradient(image: Image) -> tuple[Floats32, Floats32]:
     smooth = cv2.GaussianBlur(image, (0, 0), _EDGE_BLUR)
     x, y = (cv2.Sobel(smooth, -1, 1 - axis, axis, scale=0.125) for axis in (0, 1))
     return np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
 
 
-def _window(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
+def _window(first: tuple[Floats32, Floats32], second: tuple[Floats32, Floats32]) -> Floats32:
     return _sum(first[0] * second[0] + first[1] * second[1])
 
 
-def _sum(values: Array) -> Array:
+def _sum(values: Floats32) -> Floats32:
     """Sum over channels and mean over a small window."""
     return np.asarray(cv2.GaussianBlur(cv2.transform(values, _SUM), (0, 0), _EDGE_WINDOW))
 
@@ -167,7 +166,7 @@ def _with_evidence(things: Mask, lost: Mask, gone: Mask, appeared: Mask) -> Mask
     count, labels, stats, _ = cv2.connectedComponentsWithStats(things.astype(np.uint8))
     area = np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
 
-    def share(evidence: Mask) -> NDArray[np.float64]:
+    def share(evidence: Mask) -> Floats64:
         return np.asarray(np.bincount(labels[evidence], minlength=count) / area)
 
     kept = (share(gone) > _EVIDENCE) & (share(lost | appeared) > _EVIDENCE)

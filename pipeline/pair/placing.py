@@ -8,8 +8,8 @@ do not fit there are taken from neighbours that are well placed, by colour. Comp
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import exact, spliced
 from pipeline.images.frames import (
     Colour,
@@ -23,8 +23,6 @@ from pipeline.images.frames import (
     planes_of,
 )
 from pipeline.images.noise import Noise
-
-Array = NDArray[np.float32]
 
 _MISPLACED = 0.03  # of the flash part: the deviation at which a pixel is placed by half
 _WELL = 0.7  # placed so well that nothing needs to be mended, at 2 % of the flash part
@@ -72,14 +70,14 @@ def place_flash(no_flash: Image, flash: Image, placed: Plane, confidence: Plane)
 
 
 def mend_proportions(
-    smooth: Array,
-    proportions: Array,
+    smooth: Floats32,
+    proportions: Floats32,
     photograph: Image,
     noise: Noise,
     placed: Plane,
     confidence: Plane,
     keep: slice,
-) -> tuple[Array, Plane]:
+) -> tuple[Floats32, Plane]:
     """Give pixels that are not well placed the proportions of well placed ones of their colour.
 
     Pixels without a usable flash part, as along the border, get them, too: a mean over the 9 × 9
@@ -118,7 +116,7 @@ def mend_proportions(
     return out, trust
 
 
-def _kernel() -> Array:
+def _kernel() -> Floats32:
     """Weights (2·reach + 1)² of the regression by place."""
     steps = np.arange(-_REACH, _REACH + 1)
     line = np.exp(-np.square(steps) / (2 * _SPREAD**2))
@@ -127,7 +125,7 @@ def _kernel() -> Array:
 
 @exact
 def _regress(
-    guide: Planes, flash: Planes, placed: Plane, confidence: Plane, kernel: Array, out: Planes
+    guide: Planes, flash: Planes, placed: Plane, confidence: Plane, kernel: Floats32, out: Planes
 ) -> None:
     """Write the regressed flash part into out, as far as pixels are not well placed.
 
@@ -219,7 +217,7 @@ def _average(
     placed: Plane,
     confidence: Plane,
     first: int,
-    smooth: Array,
+    smooth: Floats32,
     trust: Plane,
 ) -> None:
     """Go from smooth (N, 3, h, w) to the averages as far as pixels' own say little.

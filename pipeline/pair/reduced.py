@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32
 from pipeline.images.blocks import Blocks, blocks_within
 from pipeline.images.frames import Image, Mask
 from pipeline.images.noise import Noise
@@ -127,7 +127,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     )
 
 
-def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[NDArray[np.float32], Image, Image]:
+def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[Floats32, Image, Image]:
     """Means over blocks of what is usable, of the photographs with 0 where they are not."""
     side, (width, height) = blocks.side, blocks.size
     share = np.empty((height, width), np.float32)
@@ -167,11 +167,11 @@ def _rounds(
     return int(np.clip(np.ceil(np.log(max(too_much, 1.0)) / np.log(_QUIETER)), 0, ROUNDS))
 
 
-def _means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+def _means(image: Floats32, size: tuple[int, int]) -> Floats32:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def _bright(image: Image, variance: NDArray[np.floating], floor: float) -> Mask:
+def _bright(image: Image, variance: Floats, floor: float) -> Mask:
     total = image.sum(axis=2)
     enough = (total > _SIGNIFICANT * np.sqrt(variance.sum(axis=2))) & (
         total > floor * np.percentile(total, 99)

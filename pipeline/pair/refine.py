@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.images.quantiles import ENOUGH, quantile
 from pipeline.pair.lucas_kanade import add_products, equations, sampled
@@ -18,7 +18,7 @@ from pipeline.pair.lucas_kanade import add_products, equations, sampled
 Pyramid = list[Image]
 """Steps of a photograph, the largest first, each next one half as large."""
 
-Products = NDArray[np.float64]
+Products = Floats64
 """Sums (rows, columns, 3) over blocks: squares of either photograph's steps, and their products."""
 
 _BLUR = 0.5  # pixels; what is finer is noise
@@ -75,7 +75,7 @@ def pyramid(steps: Image) -> Pyramid:
     ]
 
 
-def shrinking(size: tuple[int, int], full: tuple[int, int]) -> NDArray[np.float64]:
+def shrinking(size: tuple[int, int], full: tuple[int, int]) -> Floats64:
     """Matrix (3, 3) from pixels of a picture of full (width, height) to those of a smaller one."""
     x, y = size[0] / full[0], size[1] / full[1]
     # pixel centers: u = x·(t + ½) − ½
@@ -83,8 +83,8 @@ def shrinking(size: tuple[int, int], full: tuple[int, int]) -> NDArray[np.float6
 
 
 def refine_motion(
-    reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    reference: Pyramid, sample: Pyramid, matrix: Floats64, freedoms: Floats64
+) -> Floats64:
     """Refine a homography that is right within a pixel or two, as far as comparing motions needs.
 
     reference, sample: from pyramid. matrix: (3, 3), from a reference pixel to the sample's, in
@@ -101,13 +101,13 @@ def refine_motion(
 
 
 def finish_motion(
-    reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    reference: Pyramid, sample: Pyramid, matrix: Floats64, freedoms: Floats64
+) -> Floats64:
     """Make what refine_motion found exact in full size."""
     return _refined(reference[0], sample[0], matrix, freedoms, *_EXACT)
 
 
-def products(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> Products:
+def products(reference: Image, sample: Image, matrix: Floats64) -> Products:
     """Sums of squares of the steps of two photographs, and of their products, under a motion.
 
     Returns (6, 8, 3) of as many blocks of the picture. Large photographs are compared in bands of
@@ -140,7 +140,7 @@ def better_share(found: Products, other: Products) -> float:
     return float(better[tells].mean()) if tells.any() else 0.0
 
 
-def _correlations(found: Products) -> NDArray[np.float64]:
+def _correlations(found: Products) -> Floats64:
     squares, other_squares, shared = np.moveaxis(found, -1, 0)
     return np.asarray(shared / np.maximum(np.sqrt(squares * other_squares), 1e-12))
 
@@ -149,13 +149,13 @@ def _finest(steps: Pyramid) -> int:
     return int(max(steps[0].shape) > _LARGE and len(steps) > 1)
 
 
-def _at(steps: Pyramid, level: int, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at(steps: Pyramid, level: int, matrix: Floats64) -> Floats64:
     """Express a homography of full size in the pixels of a level."""
     shrink = shrinking(steps[level].shape[1::-1], steps[0].shape[1::-1])
     return np.asarray(shrink @ matrix @ np.linalg.inv(shrink))
 
 
-def _from(steps: Pyramid, level: int, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _from(steps: Pyramid, level: int, matrix: Floats64) -> Floats64:
     """Express a homography of a level in the pixels of full size."""
     shrink = shrinking(steps[level].shape[1::-1], steps[0].shape[1::-1])
     return np.asarray(np.linalg.inv(shrink) @ matrix @ shrink)
@@ -164,12 +164,12 @@ def _from(steps: Pyramid, level: int, matrix: NDArray[np.float64]) -> NDArray[np
 def _refined(
     reference: Image,
     sample: Image,
-    matrix: NDArray[np.float64],
-    freedoms: NDArray[np.float64],
+    matrix: Floats64,
+    freedoms: Floats64,
     rounds: int,
     done_px: float,
     interpolation: int,
-) -> NDArray[np.float64]:
+) -> Floats64:
     height, width = reference.shape[:2]
     unit = max(width, height) / 2.0  # coordinates of order one keep the equations in balance
     to_unit = np.array(
@@ -190,9 +190,7 @@ def _refined(
     return found
 
 
-def _lengthened(
-    change: NDArray[np.float64], before: NDArray[np.float64], gone: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _lengthened(change: Floats64, before: Floats64, gone: Floats64) -> Floats64:
     """How far to go by a round's change, told by the round before: its change, and how far it went.
 
     What else differs between the photographs makes every round go short, often by half: steeper
@@ -207,11 +205,11 @@ def _lengthened(
 def _step(
     reference: Image,
     sample: Image,
-    matrix: NDArray[np.float64],
-    to_unit: NDArray[np.float64],
-    freedoms: NDArray[np.float64],
+    matrix: Floats64,
+    to_unit: Floats64,
+    freedoms: Floats64,
     interpolation: int,
-) -> NDArray[np.float64] | None:
+) -> Floats64 | None:
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     first, second = _rows(reference), _rows(_warped(sample, matrix, interpolation))
     where = (matrix, _MARGIN, _REACH)
@@ -238,9 +236,7 @@ def _step(
     return np.asarray(np.eye(3) + np.append(solution, 0.0).reshape(3, 3))
 
 
-def _warped(
-    image: Image, matrix: NDArray[np.float64], interpolation: int, rows: slice = slice(None)
-) -> Image:
+def _warped(image: Image, matrix: Floats64, interpolation: int, rows: slice = slice(None)) -> Image:
     """Rows of a picture laid on another by a homography."""
     top, bottom, _ = rows.indices(len(image))
     if np.array_equal(matrix, np.eye(3)):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.frames import Image
 
 HALO = 1
@@ -17,7 +17,7 @@ SOFTENED_HALO = 3
 _SOFT = 0.6  # pixels; as blurred as the interpolation of a shift by half a pixel
 
 
-def registration_variance(flash: Image, deviation: float) -> NDArray[np.float32]:
+def registration_variance(flash: Image, deviation: float) -> Floats32:
     """Variance (h, w, 3) of values that come from a little beside where they should.
 
     flash: (h, w, 3) linear. deviation: standard deviation of the offset in pixels. The slope is

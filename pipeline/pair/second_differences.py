@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.compiling import exact, summing
 from pipeline.images.frames import Image, Mask
-
-Array = NDArray[np.float32]
 
 BLOCK = 8
 _INNER = (BLOCK - 2) * BLOCK
@@ -24,7 +23,7 @@ _KEPT = 0.8
 
 
 @exact
-def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
+def _row(pixels: Image, y: int, along: Floats32, out: Floats32) -> None:
     """Second differences (W, 3) around row y, overwritten; along: scratch, (W + 2, 3)."""
     two, sixth = np.float32(2.0), np.float32(1.0 / 6.0)
     width = pixels.shape[1]
@@ -40,7 +39,7 @@ def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
 
 
 @exact
-def block_squares(pixels: Image) -> tuple[Array, Array]:
+def block_squares(pixels: Image) -> tuple[Floats32, Floats32]:
     """Mean (3, n) and squared second differences (3, n, 48) of all blocks, row by row."""
     height, width = pixels.shape[:2]
     rows, columns = height // BLOCK, width // BLOCK
@@ -67,7 +66,7 @@ def block_squares(pixels: Image) -> tuple[Array, Array]:
 
 
 @exact
-def unshared_squares(pixels: Image, other: Image) -> Array:
+def unshared_squares(pixels: Image, other: Image) -> Floats32:
     """Squares as of block_squares, of what another picture of the same things does not explain.
 
     other: (H, W, 3). In each block, each channel's second differences are regressed on those of
@@ -94,7 +93,7 @@ def unshared_squares(pixels: Image, other: Image) -> Array:
 
 
 @exact
-def _by_channels(lines: Array, block: int, channels: Array) -> None:
+def _by_channels(lines: Floats32, block: int, channels: Floats32) -> None:
     """Write a block's part of rows (6, W, 3) as channels (3, 48), along which loops are vectors."""
     for y in range(BLOCK - 2):
         for x in range(BLOCK):
@@ -103,7 +102,7 @@ def _by_channels(lines: Array, block: int, channels: Array) -> None:
 
 
 @summing
-def _regress(own: Array, known: Array, squares: Array) -> None:
+def _regress(own: Floats32, known: Floats32, squares: Floats32) -> None:
     """Squares (3, 48) of what the regression of (3, 48) on (3, 48) leaves, overwritten."""
     a, b, c = known[0], known[1], known[2]
     aa = bb = cc = ab = ac = bc = np.float32(0.0)
@@ -136,7 +135,7 @@ def _regress(own: Array, known: Array, squares: Array) -> None:
 
 
 @exact
-def block_variances(pixels: Image) -> tuple[Array, Array]:
+def block_variances(pixels: Image) -> tuple[Floats32, Floats32]:
     """Means (H // 8, W // 8, 3) of all blocks, and of their squared second differences."""
     height, width = pixels.shape[:2]
     rows, columns = height // BLOCK, width // BLOCK
@@ -160,9 +159,7 @@ def block_variances(pixels: Image) -> tuple[Array, Array]:
 
 
 @exact
-def relative_squares(
-    pixels: Image, inside: Mask, gain: NDArray[np.float64], floor: NDArray[np.float64]
-) -> Array:
+def relative_squares(pixels: Image, inside: Mask, gain: Floats64, floor: Floats64) -> Floats32:
     """Squared second differences over the noise's variance gain·I + floor, of pixels inside (3, n).
 
     inside: (H, W), nowhere on the first or last row.
@@ -185,7 +182,7 @@ def relative_squares(
 
 
 @summing
-def squares_within(squares: Array, limit: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def squares_within(squares: Floats32, limit: Floats32) -> tuple[NDArray[np.int64], Floats64]:
     """How many of each row (n, m) are below its limit (n,), and their sums."""
     counts, totals = np.zeros(len(squares), np.int64), np.zeros(len(squares))
     for i in range(len(squares)):

@@ -13,13 +13,12 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.area_means import area_means
 from pipeline.images.blocks import any_in_blocks, blocks_within
 from pipeline.images.frames import Mask, Photograph
 from pipeline.images.noise import Noise
 from pipeline.threads import at_once
-
-Array = NDArray[np.float64]
 
 _LONG_SIDE = 384
 _DARK = 0.01  # of the 99th percentile; darker blocks are mostly stray light
@@ -56,9 +55,9 @@ class Ratios:
     unclipped in both. block: side of a block in pixels.
     """
 
-    no_flash: Array
-    logs: Array
-    noise: Array
+    no_flash: Floats64
+    logs: Floats64
+    noise: Floats64
     usable: Mask
     block: int
 
@@ -164,7 +163,7 @@ def brightening(ratios: Ratios) -> float:
     return float(np.exp(-min(np.quantile(logs, _LOWEST), 0.0)))
 
 
-def _noise_of_means(ratios: Ratios) -> Array:
+def _noise_of_means(ratios: Ratios) -> Floats64:
     """Standard deviation of the mean over channels in the blocks that are sure."""
     return np.asarray(np.sqrt(np.square(ratios.noise[ratios.sure]).mean(axis=1) / 3))
 
@@ -209,7 +208,7 @@ def _of_steady_light(ratios: Ratios, line: int, height: float) -> bool:
     return bool(in_both < _IN_FLASH * height)
 
 
-def _waves(planes: Array) -> NDArray[np.complex128] | None:
+def _waves(planes: Floats64) -> NDArray[np.complex128] | None:
     """Waves down the rows (n, 3), from 4 to 60 cycles, of what neighbouring rows differ in.
 
     Differences of rows are taken in each column before the median over columns, so that neither

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.frames import Image
 from pipeline.photometric_stereo.detail import spread
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation.separation import Strip
-
-Array = NDArray[np.float32]
 
 _MISFIT = 0.02  # relative light not explained at which half the trust is left
 _SLANT = 0.3  # n·z at which half the trust is left
 _CUT = 0.2  # trust left where the surface was cut
 
 
-def normals_confidence(strip: Strip, surface: Surface, normals: Image) -> Array:
+def normals_confidence(strip: Strip, surface: Surface, normals: Image) -> Floats32:
     """Trust (h, W) in a strip's normals, 0…1; 0 where there are none.
 
     A product: light against its noise; the share of the lamps that light the pixel, in whose

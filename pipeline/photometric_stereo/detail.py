@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.compiling import exact
 from pipeline.images.frames import Image
 from pipeline.images.strips import strips
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation.separation import Strip
-
-Array = NDArray[np.float32]
 
 _KNOWN = 0.3  # share of the surroundings in which the surface is known
 _MIN_CONFIDENCE = 0.2  # see Strip
@@ -30,9 +28,9 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
     height, width = strip.confidence.shape
     mask = spread(surface.mask.astype(np.float32)[..., None], surface.block, strip.rows, width)
     known = (mask[..., 0] > _KNOWN) & (strip.confidence > _MIN_CONFIDENCE)
-    share: Array = np.maximum(mask, np.float32(_KNOWN))
+    share: Floats32 = np.maximum(mask, np.float32(_KNOWN))
 
-    def of_surface(field: NDArray[np.floating]) -> Array:
+    def of_surface(field: Floats) -> Floats32:
         return spread(field, surface.block, strip.rows, width) / share
 
     w = of_surface(surface.w)
@@ -51,7 +49,7 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
     return np.where(known[..., None], normals, np.float32(np.nan)).reshape(height, width, 3)
 
 
-def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
+def surface_depth(surface: Surface, size: tuple[int, int]) -> Floats32:
     """Depth (H, W) along the camera's axis, 1 in the median, NaN where it is not known.
 
     size: (H, W) of the picture.
@@ -64,7 +62,7 @@ def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
     return depth
 
 
-def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:
+def spread(field: Floats, block: int, rows: slice, width: int) -> Floats32:
     """Some rows of a field (h, w, C) at the picture's own size, bilinear.
 
     Beyond the middles of its last pixels, as in what is left over of the picture after whole
@@ -93,7 +91,7 @@ def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> 
     return spread
 
 
-def _around(places: NDArray[np.floating], size: int) -> slice:
+def _around(places: Floats, size: int) -> slice:
     """The part of an axis of this size that places along it, which rise, lie in."""
     first = np.clip(np.floor(places[0]), 0, size - 1)
     return slice(int(first), int(np.floor(places[-1])) + 2)
@@ -101,14 +99,14 @@ def _around(places: NDArray[np.floating], size: int) -> slice:
 
 @exact
 def _add_detail(
-    w: Array,
-    error: NDArray[np.float64],
-    lit: Array,
-    deviations: Array,
-    light: Array,
-    flash: Array,
-    matrices: NDArray[np.float64],
-    directions: NDArray[np.float64],
+    w: Floats32,
+    error: Floats64,
+    lit: Floats32,
+    deviations: Floats32,
+    light: Floats32,
+    flash: Floats32,
+    matrices: Floats64,
+    directions: Floats64,
 ) -> None:
     """Move w (h, W, 3) so that it explains the light, as far as the light is surer than w.
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.options import DirectedLight
 from pipeline.vectors import unit
@@ -15,7 +15,7 @@ from pipeline.vectors import unit
 _MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of the unit directions
 
 
-def unit_directions(lights: Sequence[DirectedLight]) -> NDArray[np.float64]:
+def unit_directions(lights: Sequence[DirectedLight]) -> Floats64:
     """Unit directions (J, 3) to lamps.
 
     Raises OptionError for those that fix no normals, and where all lie behind the surface.
@@ -37,9 +37,7 @@ def unit_directions(lights: Sequence[DirectedLight]) -> NDArray[np.float64]:
     return directions
 
 
-def likely_orders(
-    lights: Sequence[DirectedLight], whites: NDArray[np.float64]
-) -> list[tuple[int, ...]]:
+def likely_orders(lights: Sequence[DirectedLight], whites: Floats64) -> list[tuple[int, ...]]:
     """Orders of the lamps found that may be those of the lights.
 
     whites: (J, 3) camera RGB of a grey card under each lamp found, as many as lights. The lights

@@ -16,7 +16,8 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
+
 Places = NDArray[np.intp]
 
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
@@ -31,17 +32,17 @@ class Rows:
     (n, r).
     """
 
-    by: Array
-    precision: Array
-    residual: Array
+    by: Floats64
+    precision: Floats64
+    residual: Floats64
 
     @property
-    def weighed(self) -> Array:
+    def weighed(self) -> Floats64:
         """Derivatives (n, k, r) times precision."""
         return np.asarray((self.by * self.precision[..., None]).transpose(0, 2, 1))
 
     @property
-    def slope(self) -> Array:
+    def slope(self) -> Floats64:
         """Half the slope (n, k) of the sum of weighed squares."""
         return np.asarray((self.weighed @ self.residual[..., None])[..., 0])
 
@@ -77,7 +78,7 @@ class Pattern:
 class Equations:
     """A symmetric, positive sparse system, factored."""
 
-    def __init__(self, matrix: sparse.csc_matrix, right: Array) -> None:
+    def __init__(self, matrix: sparse.csc_matrix, right: Floats64) -> None:
         """matrix: (size, size). right: (size,)."""
         self._factors = splu(
             matrix,
@@ -87,11 +88,13 @@ class Equations:
         )
         self._right = right
 
-    def solution(self) -> Array:
+    def solution(self) -> Floats64:
         """Step (size,)."""
         return np.asarray(self._factors.solve(self._right))
 
-    def solution_with(self, border: Array, corner: Array, right: Array) -> tuple[Array, Array]:
+    def solution_with(
+        self, border: Floats64, corner: Floats64, right: Floats64
+    ) -> tuple[Floats64, Floats64]:
         """Step (size,), and that (k,) of k more unknowns that many hang on.
 
         border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill. The outer
@@ -101,7 +104,7 @@ class Equations:
         """
         about, by_corner = sparse.csc_array(border), cho_factor(corner)
 
-        def complement(outer: Array) -> Array:
+        def complement(outer: Floats64) -> Floats64:
             return np.asarray(corner @ outer - about.T @ self._factors.solve(about @ outer))
 
         outer, _ = cg(

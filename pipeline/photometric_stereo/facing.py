@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.run_warnings import RunWarning
 from pipeline.separation.separation import Strip
@@ -33,6 +31,6 @@ class Facing:
     """
 
     of: Callable[[Strip], Image]
-    strengths: NDArray[np.float64]
+    strengths: Floats64
     surface: Surface | None
     warnings: tuple[RunWarning, ...] = ()

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, lamp_light, predicted
 from pipeline.progress import Tick
-
-Array = NDArray[np.float64]
 
 # Chosen on development objects (docs/trials/normals.md)
 _SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)  # see Objective
@@ -110,7 +108,7 @@ def unexplained(scene: Scene, state: State) -> Mask:
     return make_objective(scene, state, _LIGHT_SCALE).chi2(state) > _LIGHT_CHI2
 
 
-def refine(scene: Scene, h: Array, found: State) -> State:
+def refine(scene: Scene, h: Floats64, found: State) -> State:
     """The surface of a finer scene, lamps and materials as found. h: (c,) where it starts."""
     lit = scene.grid.w(h) @ scene.directions.T > 0
     state = with_even_albedo(scene, replace(found, h=h, lit=lit))
@@ -141,7 +139,7 @@ def _better(scene: Scene, found: tuple[State, float], tick: Tick) -> tuple[State
     return min([found, *again], key=_likeliest)
 
 
-def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[State, float]:
+def _follow_again(scene: Scene, found: State, h: Floats64, tick: Tick) -> tuple[State, float]:
     """Follow a start h (c,) with lamps and materials found; lamps shine where the light says so."""
     state = replace(found, h=h * np.median(found.h) / np.median(h))
     state = _shining(scene, state, _SCALES[-1])
@@ -170,7 +168,7 @@ def _shining(scene: Scene, state: State, scale: float) -> State:
     return _shone_on(state, make_objective(scene, state, scale))
 
 
-def _start(scene: Scene, h: Array) -> State:
+def _start(scene: Scene, h: Floats64) -> State:
     """Lamps and materials as is usual, h (c,) scaled to how bright the lamps are."""
     lamps, modes = len(scene.directions), len(scene.priors[0].modes)
     lit = scene.grid.w(h) @ scene.directions.T > 0
@@ -197,7 +195,7 @@ def _moved(objective: Objective, state: State) -> State:
     return moved
 
 
-def _valid(h: Array) -> Array:
+def _valid(h: Floats64) -> Floats64:
     return np.maximum(h, _LEAST_DEPTH * np.median(h))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _FAR, _BULGE = 8.0, 1.0  # of the inflated start: distance and height in radii
 
@@ -35,7 +35,7 @@ class Grid:
 
     mask: NDArray[np.bool_]
     corners: NDArray[np.intp]
-    to_w: Array
+    to_w: Floats64
     bent: NDArray[np.intp]
     corner_mask: NDArray[np.bool_]
     focal_px: float
@@ -52,24 +52,24 @@ class Grid:
         """How many corners there are, c."""
         return int(self.corner_mask.sum())
 
-    def w(self, h: Array) -> Array:
+    def w(self, h: Floats64) -> Floats64:
         """Normals (n, 3) of length D²/(n·v). h: (c,) squared depths."""
         return np.asarray(np.einsum("nck,nk->nc", self.to_w, h[self.corners]))
 
     @property
-    def to_bend(self) -> Array:
+    def to_bend(self) -> Floats64:
         """What (3,) a bend is of the squared depths at its corners."""
         return self.focal_px / 2 * np.array([1.0, -2.0, 1.0])
 
-    def bends(self, h: Array) -> Array:
+    def bends(self, h: Floats64) -> Floats64:
         """Bends (b,), by how much slopes change per pixel where h is 1. h: (c,) squared depths."""
         return np.asarray(h[self.bent] @ self.to_bend)
 
-    def flat(self) -> Array:
+    def flat(self) -> Floats64:
         """Squared depths (c,) of a plane that faces the camera."""
         return np.ones(self.corner_count)
 
-    def inflated(self) -> Array:
+    def inflated(self) -> Floats64:
         """Squared depths (c,) of the silhouette blown up like a balloon."""
         rim = np.pad(self.mask, 1)
         inside = ndimage.distance_transform_edt(rim)
@@ -79,7 +79,7 @@ class Grid:
         height = np.sqrt(radius**2 - (radius - e) ** 2) / radius
         return np.asarray(((_FAR - _BULGE * height) / _FAR) ** 2)[self.corner_mask]
 
-    def at(self, picture: Array) -> Array:
+    def at(self, picture: Floats64) -> Floats64:
         """Values (c,) at the corners of a field over all corners (H + 1, W + 1)."""
         return np.asarray(picture[self.corner_mask])
 
@@ -118,7 +118,7 @@ def _bent(index: NDArray[np.intp], mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.concatenate(triples)
 
 
-def carried(h: Array, old: Grid, new: Grid, scale: float = 1.0) -> Array:
+def carried(h: Floats64, old: Grid, new: Grid, scale: float = 1.0) -> Floats64:
     """Squared depths at the corners of a new grid, beyond the old one as at its nearest corner.
 
     scale: side of the new grid's pixels in those of the old one.

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _SHIFTS = 5  # of the mean to where most colours are
 _FEWEST = 15  # pixels of a material
@@ -21,13 +21,13 @@ _SMALLEST_SEGMENT = 12  # pixels
 class Materials:
     """Centres (m, 2) of the materials' chromaticities (R, G) ÷ (R + G + B), and their radius."""
 
-    centres: Array
+    centres: Floats64
     radius: float
 
     def __len__(self) -> int:
         return len(self.centres)
 
-    def shares(self, chromaticity: Array) -> tuple[NDArray[np.intp], Array]:
+    def shares(self, chromaticity: Floats64) -> tuple[NDArray[np.intp], Floats64]:
         """The nearest materials (n, k) of chromaticities (n, 2), and weights that add up to 1."""
         squared = ((chromaticity[:, None] - self.centres[None]) ** 2).sum(axis=2)
         nearest = np.argsort(squared, axis=1, kind="stable")[:, :_NEAREST]
@@ -36,10 +36,10 @@ class Materials:
         return nearest, weights / weights.sum(axis=1, keepdims=True)
 
 
-def find_materials(chromaticity: Array, radius: float) -> Materials:
+def find_materials(chromaticity: Floats64, radius: float) -> Materials:
     """Find clusters of chromaticities (n, 2), the densest first, by mean shift."""
     left = chromaticity
-    centres: list[Array] = []
+    centres: list[Floats64] = []
     while len(left) and len(centres) < _MOST:
         cells = np.floor(left / radius).astype(np.int64)
         _, first, counts = np.unique(cells, axis=0, return_index=True, return_counts=True)

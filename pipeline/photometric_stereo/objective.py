@@ -13,10 +13,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.equations import Rows
 from pipeline.photometric_stereo.scene import Scene, State, brightness, predicted, responses
-
-Array = NDArray[np.float64]
 
 _FREEDOM = 9.0  # squared standard deviations beyond which a pixel's light counts less
 _SHADOW = 5.0  # −2 log of how likely a lamp that a pixel faces does not shine there
@@ -40,7 +39,7 @@ class Objective:
 
     scene: Scene
     scale: float
-    precision: Array
+    precision: Floats64
     albedo_sigma: float
     stiffness: float
 
@@ -57,7 +56,7 @@ class Objective:
         bends = scene.grid.bends(state.h) / state.h.mean()
         return float(value + self._bending * np.log1p((bends / _BEND) ** 2).sum())
 
-    def chi2(self, state: State) -> Array:
+    def chi2(self, state: State) -> Floats64:
         """Squared deviations (n,) of the light in units of its variance."""
         off = predicted(self.scene, state) - self.scene.light
         return np.asarray((off**2 * self.precision).sum(axis=1))
@@ -121,7 +120,7 @@ class Objective:
             state.lit,
         )
 
-    def surface_step(self, state: State) -> Array:
+    def surface_step(self, state: State) -> Floats64:
         """Change (c,) of the squared depths alone."""
         rows = self._light(state), self._bends(state), self._albedo(state, None)
         return self.scene.surface.equations(*rows).solution()
@@ -143,7 +142,7 @@ class Objective:
         by = np.broadcast_to(grid.to_bend / mean, (len(bends), 1, 3))
         return Rows(by, precision[:, None], bends[:, None])
 
-    def _albedo(self, state: State, also: Array | None) -> Rows:
+    def _albedo(self, state: State, also: Floats64 | None) -> Rows:
         """Log albedo of the pixels in segments, by h at their corners and by what else is given."""
         scene, own = self.scene, self.scene.tinted
         off = _albedo_residual(scene, state)
@@ -173,19 +172,19 @@ def with_even_albedo(scene: Scene, state: State) -> State:
     return replace(state, albedo=level)
 
 
-def albedo_off(scene: Scene, state: State) -> Array:
+def albedo_off(scene: Scene, state: State) -> Floats64:
     """By how much (t,) log albedo is off what the segment has, in standard deviations."""
     residual = _albedo_residual(scene, state)
     return np.asarray(np.abs(residual) / np.sqrt(_albedo_variance(residual)))
 
 
-def _albedo_variance(residual: Array) -> float:
+def _albedo_variance(residual: Floats64) -> float:
     """Variance of log albedo, by the residuals (t,) themselves."""
     spread = _MEDIAN_TO_SIGMA * float(np.median(np.abs(residual))) if len(residual) else 0.0
     return spread**2 + _ALBEDO_FLOOR**2
 
 
-def _albedo_residual(scene: Scene, state: State) -> Array:
+def _albedo_residual(scene: Scene, state: State) -> Floats64:
     """Log albedo (t,), s_f|w|, beside what its segment has."""
     own = scene.tinted
     length = np.linalg.norm(scene.grid.w(state.h)[own], axis=1)
@@ -193,7 +192,7 @@ def _albedo_residual(scene: Scene, state: State) -> Array:
     return np.asarray(log - (state.albedo[scene.segments[own]] * scene.tints).sum(axis=1))
 
 
-def _by_lamps(scene: Scene, state: State) -> Array:
+def _by_lamps(scene: Scene, state: State) -> Floats64:
     """Light by the lamps' modes, (n, 3, Jk)."""
     modes = np.stack([prior.modes for prior in scene.priors])
     by_modes = np.einsum(
@@ -202,7 +201,7 @@ def _by_lamps(scene: Scene, state: State) -> Array:
     return np.asarray(by_modes.reshape(*scene.light.shape, -1))
 
 
-def _by_materials(scene: Scene, state: State) -> Array:
+def _by_materials(scene: Scene, state: State) -> Floats64:
     """Light by the deviations of one material that has all of a pixel, (n, 3, 3J)."""
     deviations = np.stack([prior.material for prior in scene.priors])
     values = np.einsum(

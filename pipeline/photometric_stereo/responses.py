@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 _BROAD = ("D50", "D65", "D75", "A", "E", "FL7", "LED-B1", "LED-B5")  # lights put behind filters
 _FILTERED = ((1, 0.05), (2, 0.025))  # passes through a reflectance as a filter, weight
@@ -36,12 +35,12 @@ class ResponsePrior:
     deviation of a material → its light by the flash part's sum of channels.
     """
 
-    mean: Array
-    modes: Array
-    material: Array
+    mean: Floats64
+    modes: Floats64
+    material: Floats64
 
 
-def floored(colours: Array) -> Array:
+def floored(colours: Floats64) -> Floats64:
     """Colours (..., 3), each channel at least a thousandth of the colour's largest."""
     return np.asarray(np.maximum(colours, _LEAST * colours.max(axis=-1, keepdims=True)))
 
@@ -49,7 +48,7 @@ def floored(colours: Array) -> Array:
 class LampBank:
     """Lamps and what reflectances look like under them, seen by one camera."""
 
-    def __init__(self, sensitivities: Array, flash: Array) -> None:
+    def __init__(self, sensitivities: Floats64, flash: Floats64) -> None:
         """sensitivities: (3, W). flash: (W,) spectrum."""
         rho = reflectance_spectra()
         self.flash_white = sensitivities @ flash / (sensitivities[1] @ flash)
@@ -78,7 +77,7 @@ class LampBank:
         # (lamps, reflectances, 3)
         self._seen = np.einsum("lw,rw,kw->lrk", lights, rho, sensitivities, optimize=True)
 
-    def prior(self, colour: Array, measured: bool = True) -> ResponsePrior:
+    def prior(self, colour: Floats64, measured: bool = True) -> ResponsePrior:
         """Learn the prior of a lamp from its colour (3,) on a grey card, scaled to its strength.
 
         measured: whether the colour was; else it may be off, too.
@@ -111,7 +110,7 @@ class LampBank:
             modes = np.concatenate([modes, channels])
         return ResponsePrior(mean, modes, material)
 
-    def _alike(self, colour: Array) -> tuple[NDArray[np.intp], Array]:
+    def _alike(self, colour: Floats64) -> tuple[NDArray[np.intp], Floats64]:
         """Lamps of like colour, and their weights, which sum to 1."""
         distance = np.linalg.norm(unit(self._whites) - colour / np.linalg.norm(colour), axis=1)
         weights = self._weights

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.equations import Pattern
 from pipeline.photometric_stereo.grid import Grid, carried
 from pipeline.photometric_stereo.materials import Materials, find_segments
 from pipeline.photometric_stereo.responses import ResponsePrior
 from pipeline.photometric_stereo.sums import Sums
-
-Array = NDArray[np.float64]
 
 _RIDGE = 1e-9  # of the trace, so that nothing is singular
 _DARK = 30.0  # percentile of the flash part below which albedo tells less
@@ -30,10 +29,10 @@ class Scene:
     """
 
     grid: Grid
-    directions: Array
-    flash: Array
-    light: Array
-    variance: Array
+    directions: Floats64
+    flash: Floats64
+    light: Floats64
+    variance: Floats64
     priors: tuple[ResponsePrior, ...]
     materials: Materials
 
@@ -50,12 +49,12 @@ class Scene:
         )
 
     @cached_property
-    def total(self) -> Array:
+    def total(self) -> Floats64:
         """Sum (n,) of the flash part's channels."""
         return np.asarray(self.flash.sum(axis=1))
 
     @cached_property
-    def shares(self) -> tuple[NDArray[np.intp], Array]:
+    def shares(self) -> tuple[NDArray[np.intp], Floats64]:
         """Materials of each pixel and their weights, both (n, k)."""
         return self.materials.shares(self._chromaticity)
 
@@ -75,7 +74,7 @@ class Scene:
         return np.flatnonzero(self.segments >= 0)
 
     @cached_property
-    def tints(self) -> Array:
+    def tints(self) -> Floats64:
         """1 and the chromaticity beside the segment's mean, (t, 3): what albedo varies with."""
         own, chromaticity = self.segments[self.tinted], self._chromaticity[self.tinted]
         count = np.bincount(own, minlength=self.segment_count)
@@ -84,7 +83,7 @@ class Scene:
         return np.concatenate([np.ones((len(own), 1)), beside], axis=1)
 
     @cached_property
-    def tint_weights(self) -> Array:
+    def tint_weights(self) -> Floats64:
         """How much (t,) the albedo of each pixel in a segment counts, 0…1."""
         return np.minimum(1.0, self.total / np.percentile(self.total, _DARK))[self.tinted]
 
@@ -110,7 +109,7 @@ class Scene:
         return Pattern(size, grid.corners, grid.bent, own, tints)
 
     @property
-    def _chromaticity(self) -> Array:
+    def _chromaticity(self) -> Floats64:
         return np.asarray(self.flash[:, :2] / self.total[:, None])
 
 
@@ -123,10 +122,10 @@ class State:
     each segment at its mean chromaticity, and its slopes. lit: bool (n, J).
     """
 
-    h: Array
-    modes: Array
-    own: Array
-    albedo: Array
+    h: Floats64
+    modes: Floats64
+    own: Floats64
+    albedo: Floats64
     lit: NDArray[np.bool_]
 
 
@@ -135,7 +134,7 @@ def moved_to(scene: Scene, other: Scene, state: State) -> State:
     return replace(state, h=carried(state.h, other.grid, scene.grid))
 
 
-def response_matrices(scene: Scene, state: State) -> tuple[Array, Array]:
+def response_matrices(scene: Scene, state: State) -> tuple[Floats64, Floats64]:
     """Matrices (J, 3, 3) of the lamps, and deviations (n, J, 3) of each pixel's material."""
     mean, modes = (np.stack([getattr(p, name) for p in scene.priors]) for name in ("mean", "modes"))
     material = np.stack([prior.material for prior in scene.priors])
@@ -145,24 +144,24 @@ def response_matrices(scene: Scene, state: State) -> tuple[Array, Array]:
     return matrices, np.einsum("nm,nmjx->njx", share, own[which])
 
 
-def responses(scene: Scene, state: State) -> Array:
+def responses(scene: Scene, state: State) -> Floats64:
     """Light (n, J, 3) of each lamp where l·w is 1: T_j I_f + s_f Σ_m φ_m δ_mj."""
     matrices, deviations = response_matrices(scene, state)
     light = np.einsum("jxy,ny->njx", matrices, scene.flash)
     return np.asarray(light + scene.total[:, None, None] * deviations)
 
 
-def brightness(scene: Scene, state: State) -> Array:
+def brightness(scene: Scene, state: State) -> Floats64:
     """How bright (n, J) each lamp is: l·w where it lights the pixel, else 0."""
     return np.asarray((scene.grid.w(state.h) @ scene.directions.T) * state.lit)
 
 
-def predicted(scene: Scene, state: State) -> Array:
+def predicted(scene: Scene, state: State) -> Floats64:
     """Light (n, 3) of the lamps."""
     return np.asarray(np.einsum("nj,njx->nx", brightness(scene, state), responses(scene, state)))
 
 
-def lamp_light(scene: Scene, state: State, precision: Array) -> Array:
+def lamp_light(scene: Scene, state: State, precision: Floats64) -> Floats64:
     """How bright (n, J) each lamp is by the light of a pixel alone, in units of l·w.
 
     precision: (n, 3), 1 ÷ variance of the light. Least squares in the lamps' responses.

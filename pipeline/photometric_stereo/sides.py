@@ -14,9 +14,9 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 
-Array = NDArray[np.float64]
 Parts = NDArray[np.intp]
 
 _STEP = 0.01  # of a way, where nothing changes
@@ -24,7 +24,7 @@ _LEAST = 1e-6  # of the light
 _MIDDLE = 0.7  # of the way into a thin part
 
 
-def sides(flash: Array, light: Array, mask: Mask, parts: Parts, reach: float) -> Parts:
+def sides(flash: Floats64, light: Floats64, mask: Mask, parts: Parts, reach: float) -> Parts:
     """Number (H, W) of the part that each pixel of a mask belongs to, 0 outside.
 
     flash, light: (H, W), the flash part and the light of the lamps, sums over the channels, > 0 in
@@ -68,7 +68,7 @@ def _sure(parts: Parts, mask: Mask, reach: float) -> Parts:
     return sure
 
 
-def _ways(flash: Array, light: Array, mask: Mask, number: Parts) -> coo_array:
+def _ways(flash: Floats64, light: Floats64, mask: Mask, number: Parts) -> coo_array:
     """The ways (n, n) between neighbouring pixels of a mask, also across corners."""
     height, width = mask.shape
     turned = np.log(np.maximum(flash, _LEAST))

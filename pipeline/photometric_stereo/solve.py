@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
@@ -31,8 +32,6 @@ from pipeline.photometric_stereo.scene import (
 from pipeline.photometric_stereo.sides import sides
 from pipeline.photometric_stereo.view import View, make_view
 from pipeline.progress import Progress
-
-Array = NDArray[np.float64]
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100  # that tell a surface
@@ -61,16 +60,16 @@ class Surface:
     block: int
     mask: Mask
     cut: Mask
-    w: Array
-    z: Array
-    lit: Array
-    deviations: Array
-    correction: Array
-    directions: Array
-    matrices: Array
+    w: Floats64
+    z: Floats64
+    lit: Floats64
+    deviations: Floats64
+    correction: Floats64
+    directions: Floats64
+    matrices: Floats64
     misfit: float
     unexplained: float
-    strengths: Array
+    strengths: Floats64
     focal_px: float
 
 
@@ -150,7 +149,7 @@ def _in_parts(fine: Scene, views: dict[int, View], kept: Mask) -> tuple[Scene, N
 
 def _colours(
     lights: Sequence[DirectedLight], lamps: Lamps, model: Model
-) -> list[list[tuple[Array, bool]]]:
+) -> list[list[tuple[Floats64, bool]]]:
     """What the lamps' colours on a grey card may be, in the order of the lights; whether known."""
     given = np.array([light.strength or 0.0 for light in lights])
     strengths = np.where(given > 0, given, given[given > 0].mean() if given.any() else 1.0)
@@ -171,7 +170,7 @@ def _colours(
     ]
 
 
-def _of_strength(rgb: Array, strengths: Array) -> Array:
+def _of_strength(rgb: Floats64, strengths: Floats64) -> Floats64:
     """Colours (n, 3) whose green is the lamp's strength."""
     positive = floored(rgb)
     return np.asarray(positive * (strengths / positive[:, 1])[:, None])
@@ -209,7 +208,7 @@ def _surface(
         )
         places = np.where(belongs == part, nearest, places)
 
-    def field(values: Array) -> Array:
+    def field(values: Floats64) -> Floats64:
         picture = np.zeros((*fitted.shape, *values.shape[1:]))
         picture[fitted] = values
         return np.where(np.expand_dims(mask, (*range(2, picture.ndim),)), picture[*places], 0.0)
@@ -238,7 +237,7 @@ def _surface(
     )
 
 
-def _strengths(scene: Scene, state: State, flash_white: Array) -> Array:
+def _strengths(scene: Scene, state: State, flash_white: Floats64) -> Floats64:
     """Green brightness (J,) of a white card that faces each lamp.
 
     A gain that the deviations of all materials share is the lamp's: light tells of both together.

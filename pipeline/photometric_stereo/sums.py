@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
+
 Places = NDArray[np.intp]
 
 
@@ -14,7 +15,12 @@ class Sums:
     """Sums over n pixels at c corners and over m materials."""
 
     def __init__(
-        self, corners: Places, which: Places, share: Array, corner_count: int, material_count: int
+        self,
+        corners: Places,
+        which: Places,
+        share: Floats64,
+        corner_count: int,
+        material_count: int,
     ) -> None:
         """corners: (n, 4) of each pixel. which, share: (n, s), its materials and their weights."""
         n = len(corners)
@@ -29,27 +35,27 @@ class Sums:
         self._of_materials = _summing(which, share, material_count)
         self._twice = _summing(twice.reshape(n, s * s), products, material_count**2)
 
-    def at_corners(self, values: Array) -> Array:
+    def at_corners(self, values: Floats64) -> Floats64:
         """Sums (c, k) of what pixels have at their corners, (n, 4, k)."""
         return np.asarray(self._at_corners @ values.reshape(-1, values.shape[2]))
 
-    def of_materials(self, values: Array) -> Array:
+    def of_materials(self, values: Floats64) -> Floats64:
         """Sums (m, …) of what pixels have, (n, …), by the weight of the material."""
         summed = self._of_materials @ values.reshape(len(values), -1)
         return np.asarray(summed.reshape(-1, *values.shape[1:]))
 
-    def at_corners_of_materials(self, values: Array) -> Array:
+    def at_corners_of_materials(self, values: Floats64) -> Floats64:
         """Sums (c, m, k) of what pixels have at their corners, (n, 4, k), by the material."""
         summed = self._at_both @ values.reshape(-1, values.shape[2])
         return np.asarray(summed.reshape(*self._counts, -1))
 
-    def of_pairs(self, values: Array) -> Array:
+    def of_pairs(self, values: Floats64) -> Floats64:
         """Sums (m, m, …) of what pixels have, (n, …), by the weights of two materials."""
         summed = self._twice @ values.reshape(len(values), -1)
         return np.asarray(summed.reshape(self._counts[1], self._counts[1], *values.shape[1:]))
 
 
-def _summing(places: Places, weights: Array, count: int) -> sparse.csr_array:
+def _summing(places: Places, weights: Floats64, count: int) -> sparse.csr_array:
     """Matrix (count, n) that sums n values into k places each, places and weights (n, k)."""
     n, k = places.shape
     starts = np.arange(0, n * k + 1, k)

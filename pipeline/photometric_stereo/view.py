@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.images.frames import Mask
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.grid import make_grid
 from pipeline.photometric_stereo.materials import Materials, find_materials
 from pipeline.photometric_stereo.responses import ResponsePrior
 from pipeline.photometric_stereo.scene import Scene
-
-Array = NDArray[np.float64]
 
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _MOST_GAIN = 5.0  # times the flash part that the lamps give
@@ -30,14 +28,14 @@ class View:
     focal: float
     centre: tuple[float, float]
     mask: Mask
-    flash: Array
-    light: Array
-    flash_variance: Array
-    light_variance: Array
-    covariance: Array
+    flash: Floats64
+    light: Floats64
+    flash_variance: Floats64
+    light_variance: Floats64
+    covariance: Floats64
 
     def scene(
-        self, directions: Array, priors: tuple[ResponsePrior, ...], materials: Materials
+        self, directions: Floats64, priors: tuple[ResponsePrior, ...], materials: Materials
     ) -> Scene:
         """The scene of its pixels. directions: (J, 3) unit, to the lamps; priors: of each."""
         grid = make_grid(self.mask, self.focal, self.centre)
@@ -64,7 +62,7 @@ def make_view(reduced: ReducedPair, focal_px: float, most: int) -> View:
     crop = np.s_[: height * step, : width * step]
     usable = reduced.usable[crop].astype(np.float64)
 
-    def means(picture: NDArray[np.floating]) -> Array:
+    def means(picture: Floats) -> Floats64:
         return np.asarray(
             cv2.resize(picture.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
         )
@@ -72,7 +70,7 @@ def make_view(reduced: ReducedPair, focal_px: float, most: int) -> View:
     share = means(usable)
     weight = np.maximum(share, 1e-9)[..., None]
 
-    def of_usable(picture: NDArray[np.floating]) -> Array:
+    def of_usable(picture: Floats) -> Floats64:
         return means(picture[crop] * usable[..., None]) / weight
 
     x, y = reduced.middle

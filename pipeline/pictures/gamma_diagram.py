@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.hui2018.invariant import light_coefficients
@@ -31,7 +32,6 @@ from pipeline.pictures.lettering import (
 )
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SIDE, LEGEND = 900, 150
@@ -53,16 +53,16 @@ _SCALES_DEGREES = (20, 10, 5, 2, 1)
 class _View:
     """What is seen: middle (2,) of the tangent plane, pixels per unit of it, rotation to it."""
 
-    middle: Array
+    middle: Floats64
     scale: float
     rotation: Matrix
 
-    def place(self, plane: Array) -> NDArray[np.int64]:
+    def place(self, plane: Floats64) -> NDArray[np.int64]:
         """Pixel (x, y) of points (n, 2) of the tangent plane."""
         offset = (plane - self.middle) * self.scale * (1, -1)
         return np.asarray(np.round(offset + SIDE / 2), dtype=np.int64)
 
-    def histogram(self, gammas: Array) -> NDArray[np.int64]:
+    def histogram(self, gammas: Floats64) -> NDArray[np.int64]:
         """Invariants (n, 3) in each bin of the view."""
         at = self.place(to_plane(gammas, self.rotation[2])[0])
         at = at[((at >= 0) & (at < SIDE)).all(axis=1)] // _CELL
@@ -70,7 +70,7 @@ class _View:
         flat = at[:, 1] * cells + at[:, 0]
         return np.bincount(flat, minlength=cells * cells).reshape(cells, cells)
 
-    def directions(self) -> Array:
+    def directions(self) -> Floats64:
         """Direction (cells, cells, 3) of each bin's middle."""
         axis = (np.arange(SIDE // _CELL) * _CELL + (_CELL - SIDE) / 2) / self.scale
         x, y = np.meshgrid(axis + self.middle[0], self.middle[1] - axis)
@@ -114,7 +114,7 @@ def _look_at(lamps: Lamps) -> _View:
     return _View((low + high) / 2, (SIDE / 2 - _MARGIN) / half, rotation)
 
 
-def _shaded(colours: NDArray[np.uint8], count: Array, most: int) -> Picture:
+def _shaded(colours: NDArray[np.uint8], count: Floats64, most: int) -> Picture:
     """Colours over the background, as strong as the logarithm of the count, none for none."""
     strength = _FAINTEST + (1 - _FAINTEST) * np.log(np.maximum(count, 1)) / np.log(most)
     strength = np.where(count > 0, np.minimum(strength, 1.0), 0.0)[..., None]
@@ -184,7 +184,7 @@ def _draw_legend(picture: Picture, most: int, lamps: int, pruned: float) -> None
     write(picture, between[lamps], (text, y))
 
 
-def _colours(gammas: Array, camera_to_xyz: Matrix) -> NDArray[np.uint8]:
+def _colours(gammas: Floats64, camera_to_xyz: Matrix) -> NDArray[np.uint8]:
     """sRGB code values (..., 3) of lights, each as bright as it can be shown."""
     linear = np.maximum(gammas, 0.0) @ (XYZ_TO_SRGB @ camera_to_xyz).T
     peak = linear.max(axis=-1, keepdims=True)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shares import shares
 from pipeline.pair.reduced import ReducedPair, variance_left
@@ -30,7 +31,7 @@ _UNUSABLE = (90, 90, 95)
 _COLOURS = cv2.COLORMAP_VIRIDIS
 
 
-def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]:
+def relative_residual(reduced: ReducedPair, lamps: Lamps) -> Floats32:
     """‖I_nf − Σ_j z_j T_j I_f‖ ÷ ‖I_nf‖ on the reduced pair, (h, w), NaN where it is not usable.
 
     z are the non-negative shares that come nearest, each channel weighed by lamps.channel_weights
@@ -54,7 +55,7 @@ def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]
     return np.where(reduced.usable, found, np.nan).astype(np.float32)
 
 
-def draw_residual_map(residual: NDArray[np.float32]) -> Picture:
+def draw_residual_map(residual: Floats32) -> Picture:
     """8-bit sRGB picture of a relative residual (h, w), with a scale and words below.
 
     At least 900 pixels wide: smaller ones are enlarged by a whole factor, up to 2048 pixels in

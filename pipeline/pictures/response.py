@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model, Response
@@ -12,10 +12,8 @@ from pipeline.options import Method
 from pipeline.separation.separation import Strip
 from pipeline.spectra.matrices import best_matrix
 
-Array = NDArray[np.float64]
 
-
-def camera_changes(lamps: Lamps, model: Model, response: Response, method: Method) -> Array:
+def camera_changes(lamps: Lamps, model: Model, response: Response, method: Method) -> Floats64:
     """Matrices (N, 3, 3), a lamp's layer → the same through the other camera.
 
     paper: T'_j T_j⁻¹, so that a layer T_j I_f z_j becomes T'_j I_f z_j, with T' of the other
@@ -32,7 +30,7 @@ def camera_changes(lamps: Lamps, model: Model, response: Response, method: Metho
     return np.stack([best_matrix(here * one, there * one) for one in spectra])
 
 
-def other_response(strip: Strip, changes: Array) -> Image:
+def other_response(strip: Strip, changes: Floats64) -> Image:
     """Layers of a strip through the other camera, summed; (h, W, 3), its linear RGB.
 
     changes: (N, 3, 3) from camera_changes.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv
 from pipeline.encode.jpeg import to_srgb8
@@ -37,9 +37,7 @@ class Written:
     files: list[dict[str, Any]]
 
 
-def lamp_entries(
-    lamps: Lamps, model: Model, separated: NDArray[np.float64]
-) -> list[dict[str, Any]]:
+def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[str, Any]]:
     """One entry per lamp: name, coefficients, colour, family, confidence.
 
     The colour is that of a grey card: rgb as the camera sees it, the largest 1; CCT and Duv, None
@@ -76,7 +74,7 @@ def lamp_entries(
     return entries
 
 
-def _on_screen(rgb: NDArray[np.float64], model: Model) -> str:
+def _on_screen(rgb: Floats64, model: Model) -> str:
     to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
     brightest = max(float((to_srgb @ rgb).max()), 1e-9)
     colour = (rgb / brightest).astype(np.float32).reshape(1, 1, 3)

@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.coded_normals import CodedNormals
 from pipeline.encode.exr import ExrFile, write_exr
@@ -198,9 +198,7 @@ class Outputs:
             exr = partial(ExrFile, size=self._size, half=True)
             self._stream("white_balanced.exr", kind, exr, _both_balanced)
 
-    def _open_response(
-        self, small: Pictures, changes: NDArray[np.float64], response: Response
-    ) -> None:
+    def _open_response(self, small: Pictures, changes: Floats64, response: Response) -> None:
         """Through the other camera, the layers on the scale of the photograph."""
         if self._wanted & {"response.jpg", "response_lamps.jpg"}:
             to_srgb = _as_shown(small.response, XYZ_TO_SRGB @ response.camera_to_xyz)
@@ -338,14 +336,14 @@ def _both_balanced(pictures: Pictures) -> dict[str, Image | None]:
     return {"RGB": pictures.white_balanced_1, "any": pictures.white_balanced_2}
 
 
-def _seen(layers: NDArray[np.float32], changes: NDArray[np.float64]) -> NDArray[np.float32]:
+def _seen(layers: Floats32, changes: Floats64) -> Floats32:
     """Layers through the other camera (N, h, W, 3)."""
     return np.stack(
         [layer @ change.T.astype(np.float32) for layer, change in zip(layers, changes, strict=True)]
     )
 
 
-def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
+def _with_sum(layers: Floats32) -> dict[str, Image]:
     """Layers and their sum by the names of their channels."""
     named = {lamp_name(index): layer for index, layer in enumerate(layers)}
     return named | {"RGB": layers.sum(axis=0)}
@@ -365,7 +363,7 @@ def _brightest(camera: Camera) -> Matrix:
     return np.vstack([np.ones(3), cards / cards.max(axis=1, keepdims=True)])
 
 
-def _layers_and_confidence(pictures: Pictures) -> dict[str, NDArray[np.float32]]:
+def _layers_and_confidence(pictures: Pictures) -> dict[str, Floats32]:
     named = {lamp_name(index): layer for index, layer in enumerate(pictures.layers)}
     return named | {"Y": pictures.confidence}
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats32
 from pipeline.estimate import Estimate
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.images.frames import Image, Plane
@@ -31,7 +29,7 @@ class Pictures:
     """
 
     rows: slice
-    layers: NDArray[np.float32]
+    layers: Floats32
     white_balanced_1: Image | None
     white_balanced_2: Image | None
     normals: Image | None

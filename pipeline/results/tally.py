@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.compiling import summing
 from pipeline.images.frames import Plane, Planes, planes_of
 
@@ -20,7 +20,7 @@ class Tally:
         # of each row, so that the strips do not matter
         self._light, self._sure = np.zeros((2, lamps, height))
 
-    def add(self, rows: slice, layers: NDArray[np.float32], confidence: Plane) -> None:
+    def add(self, rows: slice, layers: Floats32, confidence: Plane) -> None:
         """Count some rows: layers (N, h, W, 3), confidence (h, W) 0…1."""
         self._filled += int(np.count_nonzero(confidence < _FILLED))
         for lamp, layer in enumerate(layers):
@@ -32,15 +32,13 @@ class Tally:
         return self._filled / self._pixels
 
     @property
-    def separated(self) -> NDArray[np.float64]:
+    def separated(self) -> Floats64:
         """(N,) part 0…1 of each lamp's light that was separated: Σ confidence · layer ÷ Σ layer."""
         return np.asarray(self._sure.sum(axis=1) / np.maximum(self._light.sum(axis=1), 1e-12))
 
 
 @summing
-def _sum_rows(
-    layer: Planes, confidence: Plane, light: NDArray[np.float64], sure: NDArray[np.float64]
-) -> None:
+def _sum_rows(layer: Planes, confidence: Plane, light: Floats64, sure: Floats64) -> None:
     """In any order of the additions, as compilers need it for vector instructions."""
     zero = np.float32(0.0)
     for y in range(len(light)):

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.enlarge import enlarge
 from pipeline.images.frames import by_planes, channels_first
 from pipeline.images.push_pull import push_pull
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.proportions import model_proportions
-
-Array = NDArray[np.float32]
 
 
 class Surroundings:
@@ -26,12 +24,12 @@ class Surroundings:
         self._block = reduced.block
         self._count = count
 
-    def blocks(self) -> Array:
+    def blocks(self) -> Floats32:
         """Proportions (N, h, w, 3) in the middle of every block of the reduced pair."""
         height, width = self._map.shape[:2]
         return np.moveaxis(self._map.reshape(height, width, self._count, 3), 2, 0)
 
-    def rows(self, rows: slice, width: int) -> Array:
+    def rows(self, rows: slice, width: int) -> Floats32:
         """Proportions (N, h, width, 3) for some rows of the full-size picture, bilinear."""
         height = rows.stop - rows.start
         around = by_planes(self._count, height, width, 3)

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.compiling import compiled, inlined
 from pipeline.images.enlarge import enlarge
 from pipeline.images.frames import (
@@ -33,8 +34,6 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shares import dot, doubles, shares_of_two
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.proportions import colour_of, light_of, pixel, scaled, times
-
-Array = NDArray[np.float32]
 
 _MODEL = 0.017  # relative: what matrices leave over of matt light
 _SHADING = 0.5  # relative: how far shares change about a place
@@ -65,13 +64,13 @@ class Highlights:
     (2, 3) camera RGB of what mirrors the light of either lamp.
     """
 
-    blocks: Array
+    blocks: Floats32
     side: int
-    colours: NDArray[np.float64]
+    colours: Floats64
 
     def deal_out(
-        self, rows: slice, no_flash: Image, flash: Image, lamps: Lamps, proportions: Array
-    ) -> Array:
+        self, rows: slice, no_flash: Image, flash: Image, lamps: Lamps, proportions: Floats32
+    ) -> Floats32:
         """Return proportions (2, h, W, 3) of some rows, changed where there are highlights.
 
         no_flash, flash: (h, W, 3) of these rows, flash the flash part alone, noise filtered.
@@ -102,7 +101,7 @@ class _Light(NamedTuple):
     colours: tuple[Numbers, ...]
 
 
-def _light_of_lamps(lamps: Lamps, colours: NDArray[np.float64]) -> _Light:
+def _light_of_lamps(lamps: Lamps, colours: Floats64) -> _Light:
     where, terms = lamps.deviations.numbers()
     return _Light(
         tuple(numbers_of(matrix) for matrix in lamps.matrices),
@@ -113,9 +112,7 @@ def _light_of_lamps(lamps: Lamps, colours: NDArray[np.float64]) -> _Light:
     )
 
 
-def find_highlights(
-    reduced: ReducedPair, lamps: Lamps, flash_white: NDArray[np.float64]
-) -> Highlights | None:
+def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Floats64) -> Highlights | None:
     """Find the highlights of two lamps; None where there are none, or not two lamps.
 
     flash_white: (3,) camera RGB of a white card under the flash. A block is a highlight where
@@ -160,7 +157,7 @@ def _fit_matt(
     no_flash_variance: Planes,
     flash_variance: Planes,
     lamps: _Light,
-    matt: Array,
+    matt: Floats32,
 ) -> None:
     """Write shares of both lamps, and what they leave over of the light, relative, less noise."""
     weights, one = lamps.weights, np.float32(1.0)
@@ -185,7 +182,7 @@ def _fit_matt(
             matt[2, y, x] = np.sqrt(max(left, np.float32(0.0)) / whole)
 
 
-def _unlike_matt(matt: Array, usable: Mask, side: int) -> Mask:
+def _unlike_matt(matt: Floats32, usable: Mask, side: int) -> Mask:
     """Blocks worth a look: matt light leaves something over, or is brighter than the mean around.
 
     matt: as _fit_matt writes it. side: of what is around, in blocks.
@@ -197,7 +194,7 @@ def _unlike_matt(matt: Array, usable: Mask, side: int) -> Mask:
     return unlike & usable
 
 
-def _trust_in_brightness(worth: Array, brighter: Array) -> float:
+def _trust_in_brightness(worth: Floats32, brighter: Floats32) -> float:
     """Share of what is brighter than all around that colour tells to be a highlight, 0…1.
 
     The rest is matt by its colour: sunlight through leaves or blinds, or a lamp that throws a
@@ -217,10 +214,10 @@ def _weigh(
     flash: Planes,
     usable: Mask,
     asked: Mask,
-    matt: Array,
+    matt: Floats32,
     lamps: _Light,
     step: int,
-    around: Array,
+    around: Floats32,
     kind: NDArray[np.int64],
     worth: Plane,
     brighter: Plane,
@@ -306,12 +303,12 @@ def _cost_of_mirrored(
 def _neighbours(
     flash: Planes,
     usable: Mask,
-    matt: Array,
+    matt: Floats32,
     y: int,
     x: int,
     step: int,
-    shares: Array,
-    like: Array,
+    shares: Floats32,
+    like: Floats32,
 ) -> int:
     """Write shares of usable blocks of like colour around one, itself among them, and how like.
 
@@ -335,7 +332,7 @@ def _deal_out(
     no_flash: Planes,
     flash: Planes,
     lamps: _Light,
-    highlights: Array,
+    highlights: Floats32,
     own: Planes,
     rest: Planes,
 ) -> None:
@@ -424,7 +421,7 @@ def _bounded(squared: Any, most: float) -> Any:
 
 
 @inlined
-def _usual(values: Array, weights: Array) -> tuple[float, float]:
+def _usual(values: Floats32, weights: Floats32) -> tuple[float, float]:
     """Weighted median, and the quantile that _BRIGHT is."""
     return weighted_quantile(values, weights, 0.5), weighted_quantile(values, weights, _BRIGHT)
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from pipeline.arrays import Floats, Floats64
 
 
-def off_possible(photograph: Array, layers: Array) -> NDArray[np.float64]:
+def off_possible(photograph: Floats, layers: Floats) -> Floats64:
     """Distance (...) of layers (N, ..., 3) from the nearest that are ≥ 0 and add up.
 
     photograph: (..., 3) what they are to add up to. As the true layers are such, these are at least

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import compiled, inlined
 from pipeline.images.by_matrix import fused_by_matrix
 from pipeline.images.frames import (
@@ -23,16 +23,14 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shares import shares_of_three, shares_of_two
 from pipeline.matrixfit.deviations import FARTHEST, TERMS
 
-Array = NDArray[np.float32]
 
-
-def predictions(flash: Image, lamps: Lamps) -> Array:
+def predictions(flash: Image, lamps: Lamps) -> Floats32:
     """What each lamp would give where it shines like the flash: T_j I_flash, (N, h, W, 3), ≥ 0."""
     matrices = lamps.matrices.astype(np.float32)
     return np.stack([np.maximum(flash @ matrix.T, 0.0) for matrix in matrices])
 
 
-def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
+def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Floats32:
     """Parts of the lamps, (N, h, W, 3), 0…1, summing to 1 in each channel.
 
     no_flash, flash: (h, W, 3) linear camera RGB, flash the flash part alone. A lamp gives T_j

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import exact, spliced
 from pipeline.hui2018.separation import published_layers
 from pipeline.images.area_means import area_means
@@ -56,10 +56,10 @@ class Strip:
     """
 
     rows: slice
-    layers: NDArray[np.float32]
+    layers: Floats32
     no_flash: Image
     flash: Image
-    confidence: NDArray[np.float32]
+    confidence: Floats32
 
 
 def separate(
@@ -166,7 +166,7 @@ def _filtered(
     height, width = pair.unusable.shape
     halo = smoothing.HALO + (placing.HALO if pair.registration_px > 0 else 0)
 
-    def read(rows: slice, planes: NDArray[np.float32]) -> None:
+    def read(rows: slice, planes: Floats32) -> None:
         for photograph, part in ((pair.no_flash, planes[:3]), (pair.flash, planes[3:])):
             if pair.registration_px > 0:
                 wide, inner = widened(rows, registration.SOFTENED_HALO, height)
@@ -182,7 +182,7 @@ def _filtered(
         yield rows, wide, inner, (no_flash, flash)
 
 
-def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
+def _open(pair: Pair, rows: slice) -> Floats32:
     """1 in usable pixels, 0 in unusable ones and beside them, where demosaicing mixes."""
     wide, inner = widened(rows, _UNUSABLE_REACH, len(pair.unusable))
     kernel = np.ones((2 * _UNUSABLE_REACH + 1, 2 * _UNUSABLE_REACH + 1), dtype=np.uint8)
@@ -192,7 +192,7 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 def _reliability(
     pair: Pair, rows: slice, photograph: Image, least_sine: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Floats32, Floats32, Floats32]:
     """Confidence, placement and uncertainty (h, W), each 0…1; photograph: rows of the no-flash one.
 
     Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
@@ -286,8 +286,8 @@ def _variance(a: Colour, noise: tuple[Numbers, Numbers]) -> float:
 def _deal_out(
     photograph: Planes,
     confidence: Plane,
-    proportions: NDArray[np.float32],
-    layers: NDArray[np.float32],
+    proportions: Floats32,
+    layers: Floats32,
 ) -> None:
     """Turn proportions around (N, 3, h, W) into layers, by a pixel's own as far as trusted."""
     one = np.float32(1.0)

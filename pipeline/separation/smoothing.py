@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.compiling import compiled, exact
 from pipeline.images.frames import Image, Plane, Planes, by_planes, channels_first, planes_of
 from pipeline.images.strips import widened
-
-Array = NDArray[np.float32]
 
 _RADIUS = 4  # pixels, of the guided filter's windows
 _TOLERANCE = 0.25  # a change of four standard deviations is made by half
@@ -20,13 +18,13 @@ HALO = 2 * _RADIUS
 
 
 def smooth_proportions(
-    proportions: Array,
+    proportions: Floats32,
     no_flash: Image,
     flash: Image,
-    trust: Array,
-    uncertainty: Array,
+    trust: Floats32,
+    uncertainty: Floats32,
     keep: slice,
-) -> Array:
+) -> Floats32:
     """Guided filter (He, Sun and Tang 2010) with the light itself as the guide.
 
     The guide is the brightness of the lamps against that of the flash, s_n/(s_n + s_f): surfaces
@@ -79,7 +77,7 @@ def _write_guide(
 
 
 @compiled
-def _weigh_guide(guide: Plane, weight: Plane, top: int, lines: Array) -> None:
+def _weigh_guide(guide: Plane, weight: Plane, top: int, lines: Floats32) -> None:
     """Write what the lines of all proportions share, for rows of the guide from top on.
 
     lines: (3, n, W): 1 ÷ the windows' weight, the mean of the guide, 1 ÷ (its variance + ε).
@@ -108,14 +106,14 @@ def _weigh_guide(guide: Plane, weight: Plane, top: int, lines: Array) -> None:
 
 @compiled
 def _fit(
-    parts: Array,
+    parts: Floats32,
     guide: Plane,
     weight: Plane,
     start: int,
     left: int,
     count: int,
     first: int,
-    smooth: Array,
+    smooth: Floats32,
 ) -> None:
     """Fit lines to the proportions (N, 3, h, W) around pixels; write what they give there.
 
@@ -150,7 +148,9 @@ def _fit(
 
 
 @compiled
-def _weigh_row(part: Array, weight: Array, guide: Array, weighed: Array, guided: Array) -> None:
+def _weigh_row(
+    part: Floats32, weight: Floats32, guide: Floats32, weighed: Floats32, guided: Floats32
+) -> None:
     """Write proportions of a row, weighed, and times the guide."""
     for x in range(len(part)):
         product = weight[x] * part[x]
@@ -159,13 +159,13 @@ def _weigh_row(part: Array, weight: Array, guide: Array, weighed: Array, guided:
 
 @compiled
 def _line_row(
-    weighed: Array,
-    guided: Array,
-    lines: Array,
+    weighed: Floats32,
+    guided: Floats32,
+    lines: Floats32,
     row: int,
-    weight: Array,
-    offset: Array,
-    slope: Array,
+    weight: Floats32,
+    offset: Floats32,
+    slope: Floats32,
 ) -> None:
     """Write the lines of a row, weighed, from sums of weighed proportions and those times guide."""
     inverse, mean, steepness = lines[0, row], lines[1, row], lines[2, row]
@@ -176,13 +176,15 @@ def _line_row(
 
 
 @compiled
-def _fit_row(slope: Array, offset: Array, guide: Array, inverse: Array, fitted: Array) -> None:
+def _fit_row(
+    slope: Floats32, offset: Floats32, guide: Floats32, inverse: Floats32, fitted: Floats32
+) -> None:
     for x in range(len(fitted)):
         fitted[x] = (slope[x] * guide[x] + offset[x]) * inverse[x]
 
 
 @compiled
-def _window(plane: Plane, y: int, scratch: Array, sums: Array) -> None:
+def _window(plane: Plane, y: int, scratch: Floats32, sums: Floats32) -> None:
     """Write sums (W,) over the windows around a row's pixels, beyond borders those of the border.
 
     Not by running sums, which round differently in every strip.
@@ -206,7 +208,7 @@ def _window(plane: Plane, y: int, scratch: Array, sums: Array) -> None:
 
 
 @exact
-def _blend(proportions: Array, first: int, uncertainty: Plane, smooth: Array) -> None:
+def _blend(proportions: Floats32, first: int, uncertainty: Plane, smooth: Floats32) -> None:
     """Complete the fitted proportions, and go from the given ones as far as noise allows.
 
     proportions: (N, 3, H, w), of which row first belongs to row 0 of smooth (N, 3, h, w).

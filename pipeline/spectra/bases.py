@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _JOINT_ROUNDS, _JOINT_GAIN = 200, 1e-12  # at most so many; less than this is no gain
 
@@ -30,18 +29,18 @@ class SpectralBasis:
     triangle, depend on them.
     """
 
-    reflectances: Array
-    lights: Array
-    to_coefficients: Array
-    published: Array
+    reflectances: Floats64
+    lights: Floats64
+    to_coefficients: Floats64
+    published: Floats64
 
-    def tensor(self, sensitivities: Array) -> Array:
+    def tensor(self, sensitivities: Floats64) -> Floats64:
         """Model E (3, 3, 3) of a camera (3, W): E[k, i, j] = ∫ ρ̃_i S^k ℓ̃_j dλ."""
         return np.asarray(np.einsum("iw,kw,jw->kij", self.reflectances, sensitivities, self.lights))
 
 
 def learn_basis(
-    kind: str, sensitivities: Array, reflectances: Array, lights: Array
+    kind: str, sensitivities: Floats64, reflectances: Floats64, lights: Floats64
 ) -> SpectralBasis:
     """Learn the bases from measured spectra.
 
@@ -70,21 +69,23 @@ def learn_basis(
     )
 
 
-def _pca(_: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:
+def _pca(_: Floats64, reflectances: Floats64, lights: Floats64) -> tuple[Floats64, Floats64]:
     return _principal(reflectances), _principal(lights)
 
 
-def _weighted_pca(s: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:
+def _weighted_pca(
+    s: Floats64, reflectances: Floats64, lights: Floats64
+) -> tuple[Floats64, Floats64]:
     """Per channel the leading singular vector of the spectra weighted by S^k, orthogonalised."""
 
-    def one(spectra: Array) -> Array:
+    def one(spectra: Floats64) -> Floats64:
         leading = np.stack([_principal(spectra * channel, 1)[0] for channel in s])
         return _orthonormal(leading)
 
     return one(reflectances), one(lights)
 
 
-def _joint(s: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:
+def _joint(s: Floats64, reflectances: Floats64, lights: Floats64) -> tuple[Floats64, Floats64]:
     """Bases in which the image intensities rᵀ S^k l are best preserved.
 
     The measurement tensor M[k, m, n] of reflectance m under light n is brought as near as
@@ -109,25 +110,25 @@ def _joint(s: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:
     return _orthonormal(of_reflectance.T @ reflectances), _orthonormal(of_light.T @ lights)
 
 
-def _unfolded(tensor: Array, axis: int) -> Array:
+def _unfolded(tensor: Floats64, axis: int) -> Floats64:
     """Matrix of a tensor, one row for each index of the axis."""
     return np.moveaxis(tensor, axis, 0).reshape(tensor.shape[axis], -1)
 
 
-def _orthonormal(rows: Array) -> Array:
+def _orthonormal(rows: Floats64) -> Floats64:
     """Orthonormal rows that span the same space."""
     q, r = np.linalg.qr(rows.T)
     return np.asarray((q * np.where(np.diag(r) < 0, -1.0, 1.0)).T)
 
 
-def _principal(spectra: Array, count: int = 3) -> Array:
+def _principal(spectra: Floats64, count: int = 3) -> Floats64:
     """Leading right singular vectors (count, W), each with a positive sum."""
     vectors = np.linalg.svd(spectra, full_matrices=False)[2][:count]
     signs = np.where(vectors.sum(1, keepdims=True) < 0, -1.0, 1.0)
     return np.asarray(vectors * signs)
 
 
-def _white(tensor: Array, s: Array, lights: Array, light_basis: Array) -> Array:
+def _white(tensor: Floats64, s: Floats64, lights: Floats64, light_basis: Floats64) -> Floats64:
     """Coefficients of ρ = 1 that best predict its camera colour under the training lights."""
     coefficients = np.linalg.lstsq(light_basis.T, lights.T, rcond=None)[0]
     predicted = np.einsum("kij,jn->nki", tensor, coefficients).reshape(-1, 3)

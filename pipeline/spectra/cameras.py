@@ -8,8 +8,8 @@ from functools import cache, partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
@@ -43,7 +43,7 @@ class Camera:
     """
 
     name: str
-    sensitivities: NDArray[np.float64]
+    sensitivities: Floats64
     source: Literal["measured", "file", "approximate", "stand-in"]
     in_srgb: bool = False
     taken_with: TakenWith | None = None
@@ -97,7 +97,7 @@ def named_camera(request: str | Sensitivities) -> Camera:
     return camera
 
 
-def tells_colours_apart(sensitivities: NDArray[np.float64]) -> bool:
+def tells_colours_apart(sensitivities: Floats64) -> bool:
     """Whether sensitivities (3, W) are three, of which none nearly is a mixture of the others."""
     values = np.linalg.svd(sensitivities, compute_uv=False)
     return bool(values[2] > _MIN_INDEPENDENCE * values[0])
@@ -151,7 +151,7 @@ def balanced(camera: Camera) -> Camera:
 
 
 @cache
-def _sensor_xyz() -> NDArray[np.float64]:
+def _sensor_xyz() -> Floats64:
     """CIE XYZ functions (3, W) as nearly as a real sensor has them: those of the Nikon D5100.
 
     Cameras resemble each other more than the CIE observer. Over 48 measured cameras, with LibRaw's
@@ -186,7 +186,7 @@ def _measured_by_colour(name: str) -> Camera:
 
 
 @cached_on_disk
-def _packaged_sensitivities(name: str) -> NDArray[np.float64]:
+def _packaged_sensitivities(name: str) -> Floats64:
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[_PACKAGED[name]]
     return np.asarray(on_grid(table.wavelengths, table.values, outside="zero").T)
@@ -198,7 +198,7 @@ def _keys(name: str, whole: bool) -> set[str]:
     return {key_of(name), model} - {""}
 
 
-def _scaled(sensitivities: NDArray[np.float64]) -> NDArray[np.float64]:
-    scaled: NDArray[np.float64] = sensitivities / sensitivities.max()
+def _scaled(sensitivities: Floats64) -> Floats64:
+    scaled: Floats64 = sensitivities / sensitivities.max()
     scaled.setflags(write=False)
     return scaled

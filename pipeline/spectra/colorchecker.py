@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.library import colour_science
@@ -16,7 +16,7 @@ ROWS, COLUMNS = 4, 6
 
 @cache
 @cached_on_disk
-def colorchecker_spectra() -> NDArray[np.float64]:
+def colorchecker_spectra() -> Floats64:
     """Reflectances (24, W), 0 to 1, row by row from dark skin to black (average of BabelColor)."""
     patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values()
     return np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in patches])

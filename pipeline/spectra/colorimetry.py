@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 from pipeline.spectra.observer import cie_1931
 
 
 def camera_to_xyz(
-    sensitivities: NDArray[np.float64],
-    illuminant: NDArray[np.float64],
-    reflectances: NDArray[np.float64],
+    sensitivities: Floats64,
+    illuminant: Floats64,
+    reflectances: Floats64,
 ) -> Matrix:
     """Matrix (3, 3) from camera RGB under an illuminant to CIE XYZ, learnt from reflectances.
 
@@ -31,10 +31,10 @@ def camera_to_xyz(
 
 
 def white_preserving(
-    seen: NDArray[np.float64],
-    wanted: NDArray[np.float64],
-    white: NDArray[np.float64],
-    wanted_white: NDArray[np.float64],
+    seen: Floats64,
+    wanted: Floats64,
+    white: Floats64,
+    wanted_white: Floats64,
 ) -> Matrix:
     """Matrix (3, 3) that takes colours seen (m, 3) nearest to those wanted, and white exactly.
 

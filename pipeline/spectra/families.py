@@ -6,8 +6,8 @@ from fnmatch import fnmatchcase
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.lights import black_body, daylight, packaged_light, packaged_lights
 
 FAMILIES = {
@@ -38,13 +38,13 @@ _DAYLIGHT_K = (4000, 4500, 5000, 5500, 6000, 6500, 7500, 9000, 12000, 16000, 250
 
 
 @cache
-def family_spectra() -> dict[str, NDArray[np.float64]]:
+def family_spectra() -> dict[str, Floats64]:
     """Spectra (n, W) of the lamps of each of FAMILIES, each summing to 1.
 
     Those of colour-science and the flash tube by what their names say, black bodies for
     incandescent lamps, and CIE daylight.
     """
-    found: dict[str, list[NDArray[np.float64]]] = {family: [] for family in FAMILIES}
+    found: dict[str, list[Floats64]] = {family: [] for family in FAMILIES}
     for name, spectrum in packaged_lights().items():
         family = family_of_name(name)
         if family:

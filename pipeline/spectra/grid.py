@@ -5,17 +5,19 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from pipeline.arrays import Floats64
 
 STEP_NM = 5.0
-WAVELENGTHS_NM: NDArray[np.float64] = np.arange(380.0, 781.0, STEP_NM)
+WAVELENGTHS_NM: Floats64 = np.arange(380.0, 781.0, STEP_NM)
 """380 to 780 nm in 5 nm steps, (W,) with W = 81."""
 WAVELENGTHS_NM.setflags(write=False)
 
 
 def on_grid(
     wavelength_nm: ArrayLike, values: ArrayLike, outside: Literal["zero", "hold"]
-) -> NDArray[np.float64]:
+) -> Floats64:
     """Bring a table of ascending wavelengths onto WAVELENGTHS_NM.
 
     values: (n,) or (n, k). Returns (W,) or (W, k). Tables of 5 nm and coarser are interpolated

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.colorchecker import colorchecker_spectra
@@ -36,7 +37,7 @@ _NARROWEST_NM = 65.0  # width of an even spectrum as concentrated; narrower is n
 _TWIN_COSINE = 0.9995  # between spectra that count as one
 
 
-def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.float64]:
+def find_light(request: str | Spectrum, purpose: str = "flash") -> Floats64:
     """Relative spectral power (W,) on WAVELENGTHS_NM, summing to 1.
 
     request: a table, "xenon" (a measured photographic flash), "led" (a phosphor white LED), a
@@ -47,9 +48,7 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
     return look_up_light(request, purpose)()
 
 
-def look_up_light(
-    request: str | Spectrum, purpose: str = "flash"
-) -> Callable[[], NDArray[np.float64]]:
+def look_up_light(request: str | Spectrum, purpose: str = "flash") -> Callable[[], Floats64]:
     """Give what makes the spectrum of find_light, and raise the OptionError that it raises.
 
     Daylight, for which colour-science may have to be imported, is made only when that is called.
@@ -78,7 +77,7 @@ def light_table(request: str | Spectrum) -> Spectrum | None:
     return None if paths is None else read_spectrum(paths, parse_spectrum)
 
 
-def _given(table: Spectrum, purpose: str) -> Callable[[], NDArray[np.float64]]:
+def _given(table: Spectrum, purpose: str) -> Callable[[], Floats64]:
     if sum(table.power) > _MOST_POWER:
         raise OptionError(
             f"The {purpose} spectrum is too large to be added up: give its power relative to its "
@@ -88,7 +87,7 @@ def _given(table: Spectrum, purpose: str) -> Callable[[], NDArray[np.float64]]:
     return lambda: spectrum
 
 
-def packaged_light(name: str) -> NDArray[np.float64]:
+def packaged_light(name: str) -> Floats64:
     """Spectrum (W,) that find_light has for a name without the user's folder, summing to 1.
 
     For what the program itself needs: no file of that name may change it. Raises KeyError.
@@ -99,7 +98,7 @@ def packaged_light(name: str) -> NDArray[np.float64]:
     return found()
 
 
-def _look_up_packaged(name: str) -> Callable[[], NDArray[np.float64]] | None:
+def _look_up_packaged(name: str) -> Callable[[], Floats64] | None:
     wanted = key_of(name)
     if wanted == _XENON:
         return _xenon
@@ -111,7 +110,7 @@ def _look_up_packaged(name: str) -> Callable[[], NDArray[np.float64]] | None:
 
 
 @cache
-def lamp_spectra() -> NDArray[np.float64]:
+def lamp_spectra() -> Floats64:
     """Spectra (n, W) of lamps to learn from, each summing to 1.
 
     The lamps of colour-science without near-monochromatic ones and near duplicates, black bodies
@@ -136,7 +135,7 @@ def lamp_spectra() -> NDArray[np.float64]:
 
 @cache
 @cached_on_disk
-def reflectance_spectra() -> NDArray[np.float64]:
+def reflectance_spectra() -> Floats64:
     """Reflectances (m, W), 0 to 1, to learn from.
 
     24 patches of the ColorChecker (average of BabelColor), 190 training patches of rawtoaces and
@@ -160,13 +159,13 @@ def reflectance_spectra() -> NDArray[np.float64]:
 
 
 @cache
-def _xenon() -> NDArray[np.float64]:
+def _xenon() -> Floats64:
     table = files("pipeline.spectra") / "data" / "xenon_flash.csv"
     return find_light(parse_spectrum(table.read_bytes()))
 
 
 @cache
-def packaged_lights() -> dict[str, NDArray[np.float64]]:
+def packaged_lights() -> dict[str, Floats64]:
     """Lights (W,) of colour-science by name, each summing to 1."""
     return dict(zip(_packaged_names().tolist(), _packaged_spectra(), strict=True))
 
@@ -177,7 +176,7 @@ def _packaged_names() -> NDArray[np.str_]:
 
 
 @cached_on_disk
-def _packaged_spectra() -> NDArray[np.float64]:
+def _packaged_spectra() -> Floats64:
     return np.array(
         [_unit(on_grid(table.wavelengths, table.values, "hold")) for table in _packaged().values()]
     )
@@ -188,7 +187,7 @@ def _packaged() -> dict[str, Any]:
     return {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
 
 
-def _look_up_daylight(name: str) -> Callable[[], NDArray[np.float64]] | None:
+def _look_up_daylight(name: str) -> Callable[[], Floats64] | None:
     match = _DAYLIGHT.fullmatch(name.strip())
     if match is None:
         return None
@@ -198,7 +197,7 @@ def _look_up_daylight(name: str) -> Callable[[], NDArray[np.float64]] | None:
 
 
 @cached_on_disk
-def black_body(kelvin: float) -> NDArray[np.float64]:
+def black_body(kelvin: float) -> Floats64:
     """Black body (W,) of a temperature, summing to 1 (Planck)."""
     colour = colour_science()
     shape = colour.SpectralShape(WAVELENGTHS_NM[0], WAVELENGTHS_NM[-1], STEP_NM)
@@ -207,7 +206,7 @@ def black_body(kelvin: float) -> NDArray[np.float64]:
 
 
 @cached_on_disk
-def daylight(kelvin: float) -> NDArray[np.float64]:
+def daylight(kelvin: float) -> Floats64:
     """CIE daylight (W,) of a nominal temperature (CIE 15:2018, corrected by 1.4388/1.4380)."""
     colour = colour_science()
     with without_warnings():
@@ -225,16 +224,16 @@ def _lights_of_folder() -> list[str]:
     return names
 
 
-def _normalised(power: NDArray[np.float64], purpose: str) -> NDArray[np.float64]:
+def _normalised(power: Floats64, purpose: str) -> Floats64:
     if not power.sum() > 0:
         raise OptionError(f"The {purpose} spectrum is zero from 380 to 780 nm: check its units.")
     return _unit(power)
 
 
-def _unit(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(power: Floats64) -> Floats64:
     return _frozen(power / power.sum())
 
 
-def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _frozen(values: Floats64) -> Floats64:
     values.setflags(write=False)
     return values

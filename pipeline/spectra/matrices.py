@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
 from pipeline.spectra.colorimetry import white_preserving
 from pipeline.spectra.lights import reflectance_spectra
 
-Array = NDArray[np.float64]
 
-
-def best_matrix(before: Array, after: Array) -> Matrix:
+def best_matrix(before: Floats64, after: Floats64) -> Matrix:
     """Matrix (3, 3) from camera RGB seen by one response to that by another, over reflectances.
 
     before, after: (3, W), sensitivities × the spectrum of a light. Least squares; errors count
@@ -24,7 +22,7 @@ def best_matrix(before: Array, after: Array) -> Matrix:
     return np.asarray(np.linalg.lstsq(seen * weight, rho @ after.T * weight, rcond=None)[0].T)
 
 
-def balancing_matrix(before: Array, after: Array) -> Matrix:
+def balancing_matrix(before: Floats64, after: Floats64) -> Matrix:
     """As best_matrix, but a white card becomes exactly white: greys keep no cast.
 
     Raises numpy.linalg.LinAlgError where `before` does not tell three colours apart.
@@ -36,7 +34,7 @@ def balancing_matrix(before: Array, after: Array) -> Matrix:
     return white_preserving(seen * weight, rho @ after.T * weight, *whites)
 
 
-def by_spectrum(sensitivities: Array, before: Array) -> Array:
+def by_spectrum(sensitivities: Floats64, before: Floats64) -> Floats64:
     """Tensor G (3, 3, W) with best_matrix(before, sensitivities × l) = G @ l for any light l.
 
     sensitivities, before: (3, W).
@@ -48,5 +46,5 @@ def by_spectrum(sensitivities: Array, before: Array) -> Array:
     return np.asarray(np.einsum("lw,kw->klw", solve @ rho, sensitivities))
 
 
-def _weight(seen: Array) -> Array:
+def _weight(seen: Floats64) -> Floats64:
     return np.asarray(1.0 / np.abs(seen).sum(1, keepdims=True))

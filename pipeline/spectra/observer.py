@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.library import colour_science
@@ -14,7 +14,7 @@ from pipeline.spectra.library import colour_science
 
 @cache
 @cached_on_disk
-def cie_1931() -> NDArray[np.float64]:
+def cie_1931() -> Floats64:
     """CIE 1931 2° colour-matching functions x̄, ȳ, z̄, (3, W), as tabulated at each wavelength."""
     table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     return np.array([np.interp(WAVELENGTHS_NM, table.wavelengths, c) for c in table.values.T])
