@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.grid import Grid, make_grid
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.spectra.lights import find_light, reflectance_spectra
-
-Array = NDArray[np.float64]
 
 LAMPS = ("A", "FL2", "D100")
 
@@ -22,16 +21,16 @@ class Ball:
     """All (size, size, …). lamps: (J, size, size, 3) each alone. inside: bool, off the rim."""
 
     focal_px: float
-    normals: Array
-    depth: Array
-    flash: Array
-    lamps: Array
+    normals: Floats64
+    depth: Floats64
+    flash: Floats64
+    lamps: Floats64
     inside: NDArray[np.bool_]
-    directions: Array
-    colours: Array
+    directions: Floats64
+    colours: Floats64
 
     @property
-    def light(self) -> Array:
+    def light(self) -> Floats64:
         return np.asarray(self.lamps.sum(axis=0))
 
     @property
@@ -54,7 +53,7 @@ class Ball:
             for direction, colour in zip(self.directions, self.colours, strict=True)
         ]
 
-    def error(self, normals: Array, where: NDArray[np.bool_]) -> float:
+    def error(self, normals: Floats64, where: NDArray[np.bool_]) -> float:
         """Mean angle in degrees."""
         cosine = np.clip((normals * self.normals).sum(axis=2), -1, 1)
         return float(np.degrees(np.arccos(cosine))[where].mean())
@@ -67,7 +66,7 @@ class Ball:
         return self.error(field, where)
 
 
-def make_ball(sensitivities: Array, size: int = 48, materials: int = 1, lamps: int = 3) -> Ball:
+def make_ball(sensitivities: Floats64, size: int = 48, materials: int = 1, lamps: int = 3) -> Ball:
     """Build a ball of radius 0.4 at a distance of 2, seen through a sensor's own sensitivities.
 
     size: of the picture in pixels, which it nearly fills. materials: painted as a chequer board.
@@ -93,7 +92,7 @@ def make_ball(sensitivities: Array, size: int = 48, materials: int = 1, lamps: i
     cells = np.floor((normals[..., :2] + 1) * 3).astype(int)
     which = (cells[..., 0] + 2 * cells[..., 1]) % materials
 
-    def seen(spectrum: Array) -> Array:
+    def seen(spectrum: Floats64) -> Floats64:
         return np.asarray(
             (palette @ (sensitivities * spectrum).T)[which] / (sensitivities[1] @ spectrum)
         )

@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.options import Circle
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.vectors import unit
 from tests.evaluation.spectra import sensitivities
 
-Array = NDArray[np.float64]
 Target = Literal["chart", "matt", "mirror", "none"]
 
 SIZE = (720, 480)
@@ -42,12 +42,12 @@ class Room:
     card that faces them. flash: (W,), its spectrum.
     """
 
-    frames: tuple[Array, Array]
-    corners: Array | None
+    frames: tuple[Floats64, Floats64]
+    corners: Floats64 | None
     circle: Circle | None
-    directions: Array
-    colours: Array
-    flash: Array
+    directions: Floats64
+    colours: Floats64
+    flash: Floats64
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def photograph_room(target: Target, seed: int, plan: Plan | None = None) -> Room
     )
 
 
-def _flat(level: float) -> Array:
+def _flat(level: float) -> Floats64:
     return np.full((1, colorchecker_spectra().shape[1]), level)
 
 
@@ -147,7 +147,7 @@ def _clutter(random: np.random.Generator) -> NDArray[np.int32]:
     return what
 
 
-def _placed(random: np.random.Generator, plan: Plan, number: int) -> Array:
+def _placed(random: np.random.Generator, plan: Plan, number: int) -> Floats64:
     """Corners in the picture of a chart, turned and tilted at random."""
     size = np.ptp(_CHART, axis=0)
     for _ in range(10_000):
@@ -172,7 +172,7 @@ def _placed(random: np.random.Generator, plan: Plan, number: int) -> Array:
     raise AssertionError("the target does not fit into the picture")
 
 
-def _draw_chart(what: NDArray[np.int32], corners: Array, first: int) -> None:
+def _draw_chart(what: NDArray[np.int32], corners: Floats64, first: int) -> None:
     to_picture = cv2.getPerspectiveTransform(_CHART.astype(np.float32), corners.astype(np.float32))
 
     def quad(x: float, y: float, half: tuple[float, float]) -> NDArray[np.int32]:
@@ -185,18 +185,18 @@ def _draw_chart(what: NDArray[np.int32], corners: Array, first: int) -> None:
         cv2.fillConvexPoly(what, place, first + index)
 
 
-def _cover(what: NDArray[np.int32], corners: Array, share: float, colour: int) -> None:
+def _cover(what: NDArray[np.int32], corners: Floats64, share: float, colour: int) -> None:
     """Lay something over the left share of a chart."""
     a, b, c, d = corners + 0.25 * (corners - corners.mean(axis=0))
     quad = np.array([a, a + share * (b - a), d + share * (c - d), d])
     cv2.fillConvexPoly(what, _pixels(quad), colour)
 
 
-def _pixels(corners: Array) -> NDArray[np.int32]:
+def _pixels(corners: Floats64) -> NDArray[np.int32]:
     return np.round(np.asarray(corners) * _SUB - 0.5).astype(np.int32)
 
 
-def _lamps(random: np.random.Generator, sensitivity: Array) -> tuple[Array, Array]:
+def _lamps(random: np.random.Generator, sensitivity: Floats64) -> tuple[Floats64, Floats64]:
     """Directions (2, 3) and colours (2, 3) of two lamps, one from either side."""
     names = random.choice(len(LAMPS), 2, replace=False)
     spectra = np.array([find_light(LAMPS[n]) for n in names])
@@ -212,7 +212,9 @@ def _place_sphere(random: np.random.Generator, plan: Plan) -> Circle:
     return Circle(x=float(x), y=float(y), radius=float(radius))
 
 
-def _surface(circle: Circle, shape: Sequence[int]) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+def _surface(
+    circle: Circle, shape: Sequence[int]
+) -> tuple[NDArray[np.bool_], Floats64, Floats64, Floats64]:
     """Where the sphere is, its normals there, the directions to the camera, and distances."""
     y, x = (np.mgrid[: shape[0], : shape[1]] + 0.5) / _SUB
     middle = np.array([circle.x - SIZE[0] / 2, SIZE[1] / 2 - circle.y]) / FOCAL_PX
@@ -233,7 +235,12 @@ def _surface(circle: Circle, shape: Sequence[int]) -> tuple[NDArray[np.bool_], A
 
 
 def _matt(
-    by_lamps: Array, by_flash: Array, circle: Circle, towards: Array, colours: Array, white: Array
+    by_lamps: Floats64,
+    by_flash: Floats64,
+    circle: Circle,
+    towards: Floats64,
+    colours: Floats64,
+    white: Floats64,
 ) -> None:
     hit, normals, to_camera, distance = _surface(circle, by_lamps.shape)
     facing = (normals * to_camera).sum(axis=1) / distance**2
@@ -242,7 +249,12 @@ def _matt(
 
 
 def _mirror(
-    by_lamps: Array, by_flash: Array, circle: Circle, towards: Array, colours: Array, white: Array
+    by_lamps: Floats64,
+    by_flash: Floats64,
+    circle: Circle,
+    towards: Floats64,
+    colours: Floats64,
+    white: Floats64,
 ) -> None:
     """A ball of black glass that reflects a twenty-fifth, in lamps of 5° radius."""
     hit, normals, to_camera, _ = _surface(circle, by_lamps.shape)
@@ -259,13 +271,13 @@ def _mirror(
     by_flash[hit] = flash
 
 
-def _shrunk(picture: Array) -> Array:
+def _shrunk(picture: Floats64) -> Floats64:
     return np.asarray(cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA))
 
 
 def _exposed(
-    lamps: Array, flash: Array, random: np.random.Generator, plan: Plan
-) -> tuple[Array, Array]:
+    lamps: Floats64, flash: Floats64, random: np.random.Generator, plan: Plan
+) -> tuple[Floats64, Floats64]:
     scale = plan.exposure / np.quantile(lamps + flash, 0.999)
     blur = random.uniform(0, plan.blur_px)
     frames = []

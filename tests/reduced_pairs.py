@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 HEIGHT, WIDTH = 40, 80
 """So small that neighbours which are compared lie next to each other."""
@@ -30,11 +28,11 @@ def reduced_pair(no_flash: Any, flash: Any, **more: Any) -> ReducedPair:
     return ReducedPair(no_flash=no_flash, flash=flash, **given)
 
 
-def even(*rgb: float) -> Array:
+def even(*rgb: float) -> Floats64:
     """One colour everywhere."""
     return np.tile(np.array(rgb), (HEIGHT, WIDTH, 1))
 
 
-def left_and_right(left: Array, right: Array) -> Array:
+def left_and_right(left: Floats64, right: Floats64) -> Floats64:
     """The left half of one picture, the right half of another."""
     return np.where(np.arange(WIDTH)[None, :, None] < WIDTH // 2, left, right)

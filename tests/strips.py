@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.encode.writer import Writer
 
 _ROWS = 70
@@ -17,7 +17,7 @@ def size_of(picture: NDArray[Any]) -> tuple[int, int]:
     return picture.shape[1], picture.shape[0]
 
 
-def write_by_strips(file: Writer, picture: NDArray[np.float32]) -> None:
+def write_by_strips(file: Writer, picture: Floats32) -> None:
     """Write a whole picture."""
     for top in range(0, len(picture), _ROWS):
         file.write(picture[top : top + _ROWS])

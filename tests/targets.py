@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.library import colour_science
-
-Array = NDArray[np.float64]
 
 SIZE = (360, 240)
 CORNERS = ((62.0, 58.0), (291.0, 49.0), (300.0, 188.0), (70.0, 182.0))
@@ -22,7 +20,7 @@ _PATCH = 0.43  # half a side, by the distance of two patches
 _FRAME = 0.9  # black cardboard beyond the outer patches' middles
 
 
-def other_colorchecker() -> Array:
+def other_colorchecker() -> Floats64:
     """Reflectances (24, W) of a ColorChecker of another make than the product's (N. Ohta)."""
     patches = colour_science().SDS_COLOURCHECKERS["ColorChecker N Ohta"].values()
     return np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in patches])
@@ -32,15 +30,15 @@ def other_colorchecker() -> Array:
 class Shot:
     """frames: (no flash, flash), (H, W, 3) linear, 1.0 = white. files: the same as TIFF."""
 
-    frames: tuple[Array, Array]
+    frames: tuple[Floats64, Floats64]
     files: tuple[bytes, bytes]
 
 
 def photograph_chart(
-    sensitivities: Array,
-    flash: Array,
-    lamp: Array,
-    reflectances: Array,
+    sensitivities: Floats64,
+    flash: Floats64,
+    lamp: Floats64,
+    reflectances: Floats64,
     noise: float = 0.0,
     order: tuple[int, ...] = tuple(range(24)),
     seed: int = 0,
@@ -67,7 +65,7 @@ def photograph_chart(
     return _shot(_reduced(by_lamp), _reduced(by_flash), noise, seed)
 
 
-def _on_chart(x: Array, y: Array) -> tuple[Array, Array]:
+def _on_chart(x: Floats64, y: Floats64) -> tuple[Floats64, Floats64]:
     """Columns and rows of the chart at places of the picture, by the homography of CORNERS."""
     grid = ((0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0))
     rows, wanted = [], []
@@ -84,8 +82,8 @@ CIRCLE = {"x": 196.0, "y": 112.0, "radius": 62.0}
 
 
 def photograph_sphere(
-    directions: Array,
-    colours: Array,
+    directions: Floats64,
+    colours: Floats64,
     noise: float = 0.0,
     flash_at: tuple[float, float] = (0.0, 0.0),
     paint: float = 0.0,
@@ -124,12 +122,12 @@ def photograph_sphere(
     return _shot(_reduced(lit), _reduced(by_flash * [0.8, 1.0, 0.6]), noise, seed)
 
 
-def _reduced(picture: Array) -> Array:
+def _reduced(picture: Floats64) -> Floats64:
     height, width = picture.shape[0] // _SUB, picture.shape[1] // _SUB
     return np.asarray(picture.reshape(height, _SUB, width, _SUB, 3).mean(axis=(1, 3)))
 
 
-def _shot(lamps: Array, flash: Array, noise: float, seed: int) -> Shot:
+def _shot(lamps: Floats64, flash: Floats64, noise: float, seed: int) -> Shot:
     scale = _WHITE / (lamps + flash).max()
     frames = (lamps * scale, (lamps + flash) * scale)
     if noise:
@@ -142,7 +140,7 @@ def _shot(lamps: Array, flash: Array, noise: float, seed: int) -> Shot:
     return Shot(frames, (_file(frames[0], noise > 0), _file(frames[1], noise > 0)))
 
 
-def _file(values: Array, sensor: bool) -> bytes:
+def _file(values: Floats64, sensor: bool) -> bytes:
     data = np.round(np.clip(values, 0, 1) * 65535).astype(np.uint16) if sensor else values
     file = io.BytesIO()
     kind = data.dtype if sensor else np.float32

@@ -24,6 +24,7 @@ from PIL import Image as PillowImage
 
 from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
+from pipeline.arrays import Floats32
 from tests.acceptance.forks import Forks
 from tests.angles import angles
 from tests.layers import layers_of, picture, planes_of
@@ -34,7 +35,7 @@ COMMAND = Path(sys.executable).parent / "lightlayers"
 PATIENCE_SECONDS = 240
 WIDTH, HEIGHT = 360, 240
 
-Image = NDArray[np.float32]
+Image = Floats32
 
 
 def _picture(codes: NDArray[np.uint8], kind: str = "PNG") -> bytes:

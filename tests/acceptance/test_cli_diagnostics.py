@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
+
+from pipeline.arrays import Floats64
 
 FLAGS = ("--camera", "Nikon D5100", "--no-align", "--lights", 2)
 PATCH = (slice(20, 40), slice(20, 60))
@@ -34,11 +35,11 @@ def write_pair(folder: Path, no_flash: Any, flash: Any) -> tuple[Path, Path]:
     return paths
 
 
-def confidence(results: Any) -> NDArray[np.float64]:
+def confidence(results: Any) -> Floats64:
     return np.asarray(tifffile.imread(results.folder / "confidence.tif") / 65535)
 
 
-def residual(results: Any) -> NDArray[np.float64]:
+def residual(results: Any) -> Floats64:
     """Greenness 0…255 of the map, which grows with the residual; one value for each pixel."""
     with PillowImage.open(results.folder / "residual.png") as picture:
         codes = np.asarray(picture)

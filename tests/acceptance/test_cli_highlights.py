@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Frame
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.acceptance.conftest import float_tiff, snr_db
 
-Array = NDArray[np.float64]
 HEIGHT, WIDTH = 240, 360
 CAMERA = "Nikon D5100"
 
@@ -30,7 +30,7 @@ class Glossy:
     """Files of a pair, its layers (2, H, W, 3), and where a lamp is mirrored, (2, H, W)."""
 
     pair: tuple[Path, Path]
-    layers: Array
+    layers: Floats64
     mirrors: NDArray[np.bool_]
 
 

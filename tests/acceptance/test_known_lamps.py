@@ -18,8 +18,8 @@ import httpx
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
@@ -36,10 +36,10 @@ class Room:
     """files: no-flash and flash photograph. layers: (2, H, W, 3), the bulb's and the window's."""
 
     files: tuple[Path, Path]
-    layers: NDArray[np.float32]
+    layers: Floats32
 
 
-def sensitivities() -> NDArray[np.float64]:
+def sensitivities() -> Floats64:
     """(3, W) of the camera."""
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
@@ -71,7 +71,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
     return Room(files, (scale * layers).astype(np.float32))
 
 
-def joint_snr_db(room: Room, layers: NDArray[np.float32]) -> float:
+def joint_snr_db(room: Room, layers: Floats32) -> float:
     """Of both layers together, in the better order."""
     errors = [
         np.square(layers[list(order)] - room.layers).sum()

@@ -14,6 +14,7 @@ import simplejpeg
 import tifffile
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.pair.align import estimate_alignment
 from tests.bench.pairs import pair_files
 from tests.bench.usage import run
@@ -58,7 +59,7 @@ def measure(pair: str) -> dict[str, float | None]:
     }
 
 
-def _turned(x: float, y: float, degrees: float, width: int, height: int) -> NDArray[np.float64]:
+def _turned(x: float, y: float, degrees: float, width: int, height: int) -> Floats64:
     """Homography of a hand that turns: the middle moves by about x, y pixels, the picture rolls.
 
     Hugin knows turns of a camera alone, and no picture that merely shifts is one.
@@ -69,7 +70,7 @@ def _turned(x: float, y: float, degrees: float, width: int, height: int) -> NDAr
     return np.asarray(camera @ turn @ np.linalg.inv(camera), dtype=np.float64)
 
 
-def _warped(picture: NDArray[np.uint8], matrix: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _warped(picture: NDArray[np.uint8], matrix: Floats64) -> NDArray[np.uint8]:
     size = picture.shape[1], picture.shape[0]
     warped = cv2.warpPerspective(
         picture, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
@@ -77,9 +78,7 @@ def _warped(picture: NDArray[np.uint8], matrix: NDArray[np.float64]) -> NDArray[
     return np.asarray(warped, dtype=np.uint8)
 
 
-def _corner_error(
-    found: NDArray[np.float64], true: NDArray[np.float64], width: int, height: int
-) -> float:
+def _corner_error(found: Floats64, true: Floats64, width: int, height: int) -> float:
     corners = np.array([[[0, 0], [width, 0], [0, height], [width, height]]], dtype=np.float64)
     off = cv2.perspectiveTransform(corners, found) - cv2.perspectiveTransform(corners, true)
     return float(np.linalg.norm(off, axis=2).mean())
@@ -87,7 +86,7 @@ def _corner_error(
 
 def _by_hugin(
     no_flash: NDArray[np.uint8], moved: NDArray[np.uint8]
-) -> tuple[float, NDArray[np.float64] | None]:
+) -> tuple[float, Floats64 | None]:
     """CPU seconds, and the homography by what it makes of a picture of coordinates."""
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{name}.tif" for name in ("a", "b")]
@@ -98,7 +97,7 @@ def _by_hugin(
         return used.cpu_s, _laid_on(moved, aligned[1], no_flash, aligned[0])
 
 
-def _laid_on(*pictures: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+def _laid_on(*pictures: NDArray[np.uint8]) -> Floats64 | None:
     """Homography from the first photograph's pixels to the second's, by features of the results."""
     moved, moved_aligned, reference, reference_aligned = pictures
     to_moved = _features(moved_aligned, moved)
@@ -106,7 +105,7 @@ def _laid_on(*pictures: NDArray[np.uint8]) -> NDArray[np.float64] | None:
     return None if to_moved is None or to_reference is None else to_moved @ to_reference
 
 
-def _features(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+def _features(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Floats64 | None:
     """Homography from pixels of a to those of b, two renderings of one photograph."""
     sift = cv2.SIFT.create(4000)
     (first, of_first), (second, of_second) = (

@@ -19,6 +19,7 @@ import rawpy
 import simplejpeg
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from tests.bench.usage import python, run
 
 Codes = NDArray[np.integer[Any]]
@@ -72,12 +73,12 @@ def _decoded(path: Path) -> Codes:
     return np.asarray(cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2RGB_EA))
 
 
-def _light(codes: Codes) -> NDArray[np.float32]:
+def _light(codes: Codes) -> Floats32:
     """Code values as shares of the largest."""
     return np.multiply(codes, np.float32(1 / np.iinfo(codes.dtype).max), dtype=np.float32)
 
 
-def _aligned(reference: NDArray[np.float32], sample: NDArray[np.float32]) -> NDArray[np.float32]:
+def _aligned(reference: Floats32, sample: Floats32) -> Floats32:
     gradients = []
     for picture in (reference, sample):
         small = cv2.resize(

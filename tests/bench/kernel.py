@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.images.frames import by_planes, channels_first, planes_of, rows_by_planes
 from pipeline.images.strips import STRIP_ROWS
@@ -23,8 +22,6 @@ from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
 from tests.bench.usage import cpu_of
 from tests.definitions import pixels
-
-Array = NDArray[np.float32]
 
 _WIDTH, _STRIPS = 4000, 16
 _ROUNDS = 5

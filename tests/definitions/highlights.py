@@ -6,13 +6,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.highlights import Highlights
 from tests.definitions.pixels import light_of_lamps, shares
-
-Doubles = NDArray[np.float64]
 
 _MODEL, _SHADING, _LEAST_SHADING = 0.017, 0.5, 0.1
 _MOST_UNUSUAL, _WORTH, _WORTH_OF_RIM, _MOST_WORTH = 3.0, 6.0, 1.0, 12.0
@@ -21,7 +20,7 @@ _AGREEING, _REACH, _STEPS = 5, 0.047, 4
 _ALIKE, _UNLIKE, _LEAST_ALIKE = 0.015, 4.0, 2.0
 
 
-def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) -> Highlights | None:
+def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Floats64) -> Highlights | None:
     """pipeline.separation.highlights.find_highlights."""
     if len(lamps) != 2:
         return None
@@ -68,8 +67,8 @@ def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) ->
 
 
 def _matt(
-    reduced: ReducedPair, lamps: Lamps, seen: Doubles, light: Doubles
-) -> tuple[Doubles, Doubles]:
+    reduced: ReducedPair, lamps: Lamps, seen: Floats64, light: Floats64
+) -> tuple[Floats64, Floats64]:
     """Shares (2, h, w) of matt light, and what they leave over of it, relative, less noise."""
     z = shares(seen, light).astype(np.float64)
     off = seen - np.einsum("nhw,nhwk->hwk", z, light)
@@ -80,7 +79,7 @@ def _matt(
     return z, np.sqrt(left / np.maximum(np.square(seen).sum(axis=2), 1e-12))
 
 
-def _neighbours(reduced: ReducedPair, matt: Doubles, y: int, x: int) -> tuple[Doubles, Doubles]:
+def _neighbours(reduced: ReducedPair, matt: Floats64, y: int, x: int) -> tuple[Floats64, Floats64]:
     """How like a block those around it are (n,), and their shares (2, n)."""
     rows, columns = (
         [
@@ -99,7 +98,7 @@ def _neighbours(reduced: ReducedPair, matt: Doubles, y: int, x: int) -> tuple[Do
     return like, np.array([one[near][usable] for one in matt])
 
 
-def _mean_around(matt: Doubles, usable: NDArray[np.bool_]) -> Doubles:
+def _mean_around(matt: Floats64, usable: NDArray[np.bool_]) -> Floats64:
     side = 2 * _STEPS * _step(usable) + 1
     count = np.maximum(_mean(usable.astype(np.float64), side), 1e-12)
     return np.stack([_mean(one * usable, side) / count for one in matt])
@@ -110,18 +109,18 @@ def _step(usable: NDArray[np.bool_]) -> int:
     return int(max(round(_REACH * max(height, width) / _STEPS), 1))
 
 
-def _off(z: Doubles, s: Doubles) -> float:
+def _off(z: Floats64, s: Floats64) -> float:
     """How far shares (2,) are from others, relative to these, squared."""
     return float(np.square((z - s) / (s + _LEAST_SHADING * s.sum() + 1e-12)).sum())
 
 
-def _cost_of_brightness(z: Doubles, bright: Doubles) -> float:
+def _cost_of_brightness(z: Floats64, bright: Floats64) -> float:
     beyond = _off(np.maximum(z, bright), bright)
     return _bounded(beyond / _BRIGHTER**2, _MOST_BRIGHT)
 
 
 def _cost_of_mirrored(
-    seen: Doubles, matt: Doubles, mirrored: Doubles, s: Doubles, bright: Doubles
+    seen: Floats64, matt: Floats64, mirrored: Floats64, s: Floats64, bright: Floats64
 ) -> float:
     """How far weighed light (3,) is from the highlight; infinite where nothing is mirrored."""
     a, b = _explain(seen, matt, mirrored)
@@ -134,7 +133,7 @@ def _cost_of_mirrored(
     return cost + _cost_of_brightness(a * s, bright)
 
 
-def _explain(seen: Doubles, matt: Doubles, mirrored: Doubles) -> Doubles:
+def _explain(seen: Floats64, matt: Floats64, mirrored: Floats64) -> Floats64:
     """How often matt and mirrored light (…, 3) are in what is seen, (2, …).
 
     Least squares with a fourth equation: that matt light is there once, to _SHADING of it, as light
@@ -147,7 +146,7 @@ def _explain(seen: Doubles, matt: Doubles, mirrored: Doubles) -> Doubles:
     return shares(seen, np.stack([matt, mirrored])).astype(np.float64)
 
 
-def _mirrored(colours: Doubles, s: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+def _mirrored(colours: Floats64, s: Floats64) -> tuple[Floats64, Floats64, Floats64]:
     """Light of the first lamp, of the second, and what the flash's part pretends, (…, 3)."""
     return colours[0], colours[1], -np.einsum("n...,nk->...k", s, colours)
 
@@ -156,18 +155,18 @@ def _bounded(squared: float, most: float) -> float:
     return most * squared / (most + squared)
 
 
-def _quantile(values: Doubles, weights: Doubles, part: float) -> float:
+def _quantile(values: Floats64, weights: Floats64, part: float) -> float:
     """The least value with that part of the weight at or below it."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, part * weights.sum())])
 
 
-def _chromaticity(flash: Doubles) -> Doubles:
+def _chromaticity(flash: Floats64) -> Floats64:
     return np.asarray(flash[..., :2] / np.maximum(flash.sum(axis=-1, keepdims=True), 1e-12))
 
 
-def _mean(values: Doubles, side: int) -> Doubles:
+def _mean(values: Floats64, side: int) -> Floats64:
     """Mean over side × side blocks around each, mirrored at the border."""
     wide = np.pad(values, side // 2, mode="reflect")
     return np.asarray(sliding_window_view(wide, (side, side)).mean(axis=(2, 3)))
@@ -195,7 +194,7 @@ def deal_out(
     return out.astype(np.float32)
 
 
-def enlarged(blocks: Image, side: int, size: tuple[int, int]) -> Doubles:
+def enlarged(blocks: Image, side: int, size: tuple[int, int]) -> Floats64:
     """pipeline.images.enlarge.enlarge: planes (P, H, W), linear between the middles of blocks."""
     planes = np.moveaxis(blocks, 2, 0).astype(np.float64)
     for axis in (1, 2):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _SHORT = 0.01  # of σ: edges shorter than this keep a fixed direction
 _AREA_SCALE = 50.0
@@ -21,19 +20,19 @@ def _ndtr(z: float) -> float:
 
 
 def plain_mixture(
-    matrices: Array,
-    x: Array,
-    u: Array,
-    whitener: Array,
-    sigma: Array,
-    worth: Array,
-    weights: Array,
+    matrices: Floats64,
+    x: Floats64,
+    u: Floats64,
+    whitener: Floats64,
+    sigma: Floats64,
+    worth: Floats64,
+    weights: Floats64,
     extension: float,
     outlier: float,
     area_power: float,
     interior: bool,
-    mirrored: Array,
-) -> tuple[float, Array, Array]:
+    mirrored: Floats64,
+) -> tuple[float, Floats64, Floats64]:
     """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
     As pipeline.matrixfit.mixture.mixture, of data that `blocks` has not put into blocks yet: x, u,

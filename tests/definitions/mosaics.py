@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 OFFSET, LEAST, ALIKE = 0.003, 0.0006, 1e-4
 _AROUND = 12
 
 
-def demosaiced(light: Array, colours: NDArray[np.integer]) -> Array:
+def demosaiced(light: Floats64, colours: NDArray[np.integer]) -> Floats64:
     """Three channels (H, W, 3) of photosites' light (H, W), white at 1, black at 0.
 
     colours: (2, 2), channel of the upper left photosites. _AROUND photosites are mirrored at the
@@ -52,11 +52,11 @@ def demosaiced(light: Array, colours: NDArray[np.integer]) -> Array:
     return np.asarray(np.minimum(inner, 1.0))
 
 
-def _sum(values: Array, axis: int, weights: dict[int, float]) -> Array:
+def _sum(values: Floats64, axis: int, weights: dict[int, float]) -> Floats64:
     """Weighted sum of values so many places on; wrong at the border, which is cut off."""
     return np.asarray(sum(w * np.roll(values, -by, axis) for by, w in weights.items()))
 
 
-def _square(values: Array) -> Array:
+def _square(values: Floats64) -> Floats64:
     five = dict.fromkeys(range(-2, 3), 1.0)
     return _sum(_sum(values, 0, five), 1, five)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
@@ -18,17 +19,13 @@ from pipeline.matrixfit.deviations import Deviations, monomials
 from pipeline.separation.proportions import predictions
 from pipeline.separation.separation import Strip
 
-Array = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Floats = NDArray[np.floating]
-
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _WELL, _KNOWN = 0.7, 0.2
 _BRIGHTEST, _HOLD, _FAINT = 4.0, 0.05, 0.1
 
 
-def shares(no_flash: Floats, predictions: Floats) -> Array:
+def shares(no_flash: Floats, predictions: Floats) -> Floats32:
     """pipeline.lamps.shares.shares: the best of all subsets' solutions that are ≥ 0, (N, ...)."""
     count = len(predictions)
     gram = {
@@ -51,8 +48,8 @@ def shares(no_flash: Floats, predictions: Floats) -> Array:
 
 
 def _solve(
-    subset: tuple[int, ...], gram: dict[tuple[int, int], Doubles], seen: list[Doubles]
-) -> list[Doubles]:
+    subset: tuple[int, ...], gram: dict[tuple[int, int], Floats64], seen: list[Floats64]
+) -> list[Floats64]:
     """Least squares for some of the lamps; −1 where they cannot be told apart."""
     if len(subset) == 1:
         (a,) = subset
@@ -85,16 +82,16 @@ def _solve(
     ]
 
 
-def _dot(a: Floats, b: Floats) -> Doubles:
+def _dot(a: Floats, b: Floats) -> Floats64:
     """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
     return np.asarray(np.multiply(a, b, dtype=np.float64).sum(axis=-1))
 
 
-def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]) -> Doubles:
+def _divide(numerator: Floats64, denominator: Floats64, regular: NDArray[np.bool_]) -> Floats64:
     return np.where(regular, numerator / np.where(regular, denominator, 1.0), -1.0)
 
 
-def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
+def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Floats32:
     """pipeline.separation.proportions.model_proportions, (N, h, W, 3)."""
     predicted = light_of_lamps(flash, lamps)
     weights = lamps.channel_weights.astype(np.float32)
@@ -103,14 +100,14 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     return normalised(parts)
 
 
-def light_of_lamps(flash: Image, lamps: Lamps) -> Array:
+def light_of_lamps(flash: Image, lamps: Lamps) -> Floats32:
     """What lamps give where they shine like the flash, with their deviations, (N, h, W, 3), ≥ 0."""
     by_matrix = np.einsum("nkl,hwl->nhwk", lamps.matrices.astype(np.float32), flash)
     lit = by_matrix + deviating_light(flash, lamps.deviations)
     return np.asarray(np.maximum(lit, np.float32(0.0)))
 
 
-def deviating_light(flash: Floats, deviations: Deviations) -> Array:
+def deviating_light(flash: Floats, deviations: Deviations) -> Floats32:
     """s · p(q) of flash colours (..., 3), to be added to T I_flash: (N, ..., 3), any sign."""
     total = flash.sum(axis=-1, dtype=np.float64)
     chromaticity = flash[..., :2] / np.where(total > 0, total, 1.0)[..., None]
@@ -119,7 +116,7 @@ def deviating_light(flash: Floats, deviations: Deviations) -> Array:
     return np.asarray(own * np.maximum(total, 0.0)[..., None], dtype=np.float32)
 
 
-def normalised(parts: Array) -> Array:
+def normalised(parts: Floats32) -> Floats32:
     """Parts of the whole, (N, h, W, 3), 0…1, summing to 1 in each channel.
 
     parts: each lamp's light, ≥ 0. Where a channel has none, the parts of the pixel's whole light
@@ -134,13 +131,13 @@ def normalised(parts: Array) -> Array:
 
 
 def smooth_proportions(
-    proportions: Array,
+    proportions: Floats32,
     no_flash: Image,
     flash: Image,
-    trust: Array,
-    uncertainty: Array,
+    trust: Floats32,
+    uncertainty: Floats32,
     keep: slice,
-) -> Array:
+) -> Floats32:
     """pipeline.separation.smoothing.smooth_proportions: a guided filter per lamp and channel."""
     if len(proportions) == 1:
         return proportions[:, keep]
@@ -167,7 +164,7 @@ def smooth_proportions(
     return np.asarray(proportions[:, keep] + share[..., None] * change)
 
 
-def _box(plane: Array) -> Array:
+def _box(plane: Floats32) -> Floats32:
     mean = cv2.blur(plane, (2 * _RADIUS + 1, 2 * _RADIUS + 1), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(mean, dtype=np.float32)
 
@@ -190,13 +187,13 @@ def place_flash(no_flash: Image, flash: Image, placed: Floats, confidence: Float
 
 
 def mend_proportions(
-    smooth: Array,
-    proportions: Array,
+    smooth: Floats32,
+    proportions: Floats32,
     photograph: Image,
-    variance: Doubles,
+    variance: Floats64,
     placed: Floats,
     confidence: Floats,
-) -> tuple[Array, Doubles]:
+) -> tuple[Floats32, Floats64]:
     """pipeline.pair.placing.mend_proportions; variance: (h, W), of the photograph's sum."""
     out, trust = smooth.astype(np.float64), confidence.astype(np.float64)
     worth = np.minimum(placed / _WELL, confidence / _KNOWN)
@@ -216,7 +213,7 @@ def mend_proportions(
 
 def _around(
     shape: tuple[int, ...], y: int, x: int, reach: int
-) -> tuple[tuple[slice, slice], Doubles]:
+) -> tuple[tuple[slice, slice], Floats64]:
     """The pixels around one, as far as the picture goes, and their squared distances from it."""
     rows = slice(max(y - reach, 0), min(y + reach + 1, shape[0]))
     columns = slice(max(x - reach, 0), min(x + reach + 1, shape[1]))
@@ -224,7 +221,7 @@ def _around(
     return (rows, columns), np.add.outer(down**2, right**2).astype(np.float64)
 
 
-def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles) -> Image:
+def approach_1(strip: Strip, lamps: Lamps, greens: Floats64, to_neutral: Floats64) -> Image:
     """Σ_j greens_j z_j T_n I_f, greens those of white cards against the neutral light's."""
     predicted = predictions(strip.flash, lamps)
     energy = (predicted * predicted).sum(axis=3)
@@ -234,7 +231,7 @@ def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles)
     return np.asarray(neutral, dtype=np.float32)
 
 
-def approach_2(strip: Strip, model: Model, to_neutral: Doubles) -> Image:
+def approach_2(strip: Strip, model: Model, to_neutral: Floats64) -> Image:
     """‖β‖/‖b_n‖ T_n I_f, at most four times as bright as the photograph.
 
     β has the least ‖C β − I_nf‖² + (.05 ‖C‖)²/3 ‖β − β_k‖², with columns D_j I_f in C; β_k is von

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.sigma_filter import sigma_filter
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.pair import Pair
@@ -20,17 +20,14 @@ from tests.definitions.pixels import (
     smooth_proportions,
 )
 
-Array = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-
 _DOUBT = 1.5
 _INVISIBLE = 0.002
 _MISPLACED = 0.03
 
 
 def separate(
-    pair: Pair, reduced: ReducedPair, lamps: Lamps, flash_white: Doubles
-) -> tuple[Array, Doubles]:
+    pair: Pair, reduced: ReducedPair, lamps: Lamps, flash_white: Floats64
+) -> tuple[Floats32, Floats64]:
     """pipeline.separation.separation.separate by "best", in one piece: layers, confidence."""
     pictures = pair.no_flash[:], pair.flash[:]
     if pair.registration_px > 0:
@@ -73,7 +70,7 @@ def separate(
     return layers.astype(np.float32), confidence
 
 
-def _reliability(pair: Pair, least_sine: float) -> tuple[Doubles, Doubles, Doubles]:
+def _reliability(pair: Pair, least_sine: float) -> tuple[Floats64, Floats64, Floats64]:
     """Confidence, unusable pixels or not, how well placed they are, and uncertainty (H, W)."""
     light, part = pair.no_flash[:].sum(axis=2), pair.flash[:].sum(axis=2)
     variance = pair.no_flash_noise.variance(pair.no_flash[:]).sum(axis=2)

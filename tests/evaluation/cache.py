@@ -10,8 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from tests.evaluation import render
 from tests.evaluation.geometry import Geometry
 from tests.evaluation.transport import Transport, from_arrays
@@ -24,7 +24,7 @@ def folder() -> Path:
     return root / "lightlayers" / "evaluation"
 
 
-def transport(geometry: Geometry, palette: NDArray[np.float64], size: tuple[int, int]) -> Transport:
+def transport(geometry: Geometry, palette: Floats64, size: tuple[int, int]) -> Transport:
     """As render.render, from the cache where it is there.
 
     What is rendered passes through the same half floats as what is read, so that the first run
@@ -43,7 +43,7 @@ def transport(geometry: Geometry, palette: NDArray[np.float64], size: tuple[int,
     return from_arrays(arrays)
 
 
-def _key(geometry: Geometry, palette: NDArray[np.float64], size: tuple[int, int]) -> str:
+def _key(geometry: Geometry, palette: Floats64, size: tuple[int, int]) -> str:
     digest = hashlib.sha256(repr((render.VERSION, version("mitsuba"), geometry, size)).encode())
     if geometry.depth != 2:  # direct light does not depend on the colours
         digest.update(np.ascontiguousarray(palette).tobytes())

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.options import Sensitivities, Spectrum
@@ -23,8 +23,6 @@ from pipeline.taken_with import Kind
 from tests.evaluation.spectra import Split, lamps, reflectances, sensitivities
 from tests.targets import CORNERS, Shot
 
-Array = NDArray[np.float64]
-
 CAMERA = "Nikon D5100"
 """The one that is assumed."""
 
@@ -34,7 +32,7 @@ Assumed = Mapping[str, Any]
 """Values of Options for camera and flash."""
 
 
-def flashes(split: Split, count: int) -> list[Array]:
+def flashes(split: Split, count: int) -> list[Floats64]:
     """Measured white LEDs like those of phones, and as much xenon light off nearly white surfaces.
 
     count: even.
@@ -51,12 +49,12 @@ def flashes(split: Split, count: int) -> list[Array]:
     return [light / light.sum() for light in mixed]
 
 
-def _blue_to_red(spectrum: Array) -> float:
+def _blue_to_red(spectrum: Floats64) -> float:
     blue, red = (WAVELENGTHS_NM < 500), (WAVELENGTHS_NM >= 580)
     return float(spectrum[blue].sum() / spectrum[red].sum())
 
 
-def cameras(split: Split, count: int) -> list[Array]:
+def cameras(split: Split, count: int) -> list[Floats64]:
     """Cameras as far from the assumed one as measured ones are (3, W): shifted, tinted, scaled."""
     random = np.random.default_rng(5 if split == "report" else 3)
     base = sensitivities(CAMERA)
@@ -75,7 +73,7 @@ def cameras(split: Split, count: int) -> list[Array]:
     return made
 
 
-def measured_cameras(folder: Path) -> list[Array]:
+def measured_cameras(folder: Path) -> list[Floats64]:
     """Every camera of a folder of AMPAS JSON."""
     return [
         camera_from_table(path.stem, parse_sensitivities(path.read_bytes()), "file").sensitivities
@@ -84,7 +82,9 @@ def measured_cameras(folder: Path) -> list[Array]:
     ]
 
 
-def ways(unknown: str, chart: Shot, s: Array, flash: Array) -> dict[str, Callable[[], Assumed]]:
+def ways(
+    unknown: str, chart: Shot, s: Floats64, flash: Floats64
+) -> dict[str, Callable[[], Assumed]]:
     """What may be assumed, by name. One of them is what is true."""
     camera, light = _sensitivities(s), _spectrum(flash)
     truth = {"camera": camera, "flash_spectrum": light}
@@ -135,10 +135,10 @@ def calibrate(kind: Kind, shot: Shot, **marks: Any) -> Assumed:
     return {"light_directions": json.loads(data)["lights"]}
 
 
-def _sensitivities(s: Array) -> Sensitivities:
+def _sensitivities(s: Floats64) -> Sensitivities:
     r, g, b = s.tolist()
     return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
-def _spectrum(flash: Array) -> Spectrum:
+def _spectrum(flash: Floats64) -> Spectrum:
     return Spectrum(wavelength_nm=WAVELENGTHS_NM.tolist(), power=flash.tolist())

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import InputError
 from pipeline.options import Options
 from pipeline.process import separate_files
@@ -40,8 +40,6 @@ from tests.evaluation.spheres import SphereFigure, measure_spheres, sphere_rows
 from tests.evaluation.tables import Rows, markdown
 from tests.layers import Planes, layers_of, picture, planes_of
 from tests.targets import other_colorchecker, photograph_chart
-
-Array = NDArray[np.float64]
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("calibration_head.md")
@@ -66,7 +64,7 @@ class Figure:
     colour_deg: float
 
 
-def measure(split: Split, unknown: str, number: int, s: Array, flash: Array) -> list[Figure]:
+def measure(split: Split, unknown: str, number: int, s: Floats64, flash: Floats64) -> list[Figure]:
     """Separate a scene with what is assumed, calibrated, and known of camera or flash, or both."""
     scene = scenes("two", split)[number]
     rendered = render_seen(scene, s, flash)
@@ -138,7 +136,7 @@ def main() -> None:
         _write(found, spheres)
 
 
-Job = tuple[Split, str, int, Array, Array]
+Job = tuple[Split, str, int, Floats64, Floats64]
 
 
 def _jobs(splits: tuple[Split, ...]) -> list[Job]:

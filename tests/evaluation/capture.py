@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.images.frames import Image
@@ -41,7 +41,7 @@ class Capture:
 
     no_flash: bytes
     flash: bytes
-    truth: NDArray[np.float32]
+    truth: Floats32
     flash_part: Image
     encoding: str
 
@@ -86,7 +86,7 @@ def capture_jpeg(rendered: RenderedScene) -> Capture:
     return Capture(no_flash, flash, truth, flash_part, "auto")
 
 
-def expose(light: Image, sensor: Sensor, random: np.random.Generator) -> NDArray[np.float64]:
+def expose(light: Image, sensor: Sensor, random: np.random.Generator) -> Floats64:
     """What a sensor makes of light: photons and read noise in electrons, then codes from 0 to 1."""
     electrons = random.poisson(np.clip(light, 0, None) * sensor.full_well).astype(np.float64)
     electrons += sensor.read_noise * random.standard_normal(light.shape)
@@ -94,7 +94,7 @@ def expose(light: Image, sensor: Sensor, random: np.random.Generator) -> NDArray
     return np.asarray(np.clip(np.round(electrons / sensor.full_well * steps), 0, steps) / steps)
 
 
-def tiff(values: NDArray[np.floating], exact: bool) -> bytes:
+def tiff(values: Floats, exact: bool) -> bytes:
     """A linear TIFF, of float if exact, else of 16 bits."""
     data = (
         values.astype(np.float32)

@@ -6,17 +6,16 @@ from collections.abc import Callable
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.frames import Image, Mask, Matrix
 from pipeline.lamps.shares import shares
 from pipeline.spectra.lights import reflectance_spectra
 from tests.definitions.pixels import normalised
 from tests.evaluation.scoring import joint_snr
 
-Array = NDArray[np.float64]
-Layers = NDArray[np.float32]
+Layers = Floats32
 
 _WEIGHTINGS = (0.0, 0.5, 1.0)  # exponent: errors count as they are … relative to brightness
 _FITTING, _ALTERNATING = 6, 12  # rounds
@@ -45,7 +44,7 @@ def proportions(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
     return normalised(z[..., None] * _predictions(flash, matrices))
 
 
-def regressed_matrices(sensitivities: Array, flash: Array, lamps: Array) -> Matrix:
+def regressed_matrices(sensitivities: Floats64, flash: Floats64, lamps: Floats64) -> Matrix:
     """Lamps known exactly: the best matrices (N, 3, 3) from the flash's light to each lamp's.
 
     They are regressed over the reflectances of the pipeline, not those of the scene, errors
@@ -116,7 +115,7 @@ def tuned_matrices(
     """
     raw, lit, x, wanted = _sample(truth, photograph, no_flash, flash, valid)
 
-    def errors(values: Array) -> Array:
+    def errors(values: Floats64) -> Floats64:
         layers = dealt_out(raw, lit, x, values.reshape(start.shape))
         return np.asarray((layers - wanted).ravel(), dtype=np.float64)
 
@@ -139,7 +138,10 @@ def _sample(
 
 
 def _alone(
-    light: Array, flash: Array, power: float, start: Callable[[Array, Array, Array], Matrix]
+    light: Floats64,
+    flash: Floats64,
+    power: float,
+    start: Callable[[Floats64, Floats64, Floats64], Matrix],
 ) -> Matrix:
     """Matrix of one lamp, light ≈ z T flash with z of each pixel free: z and T by turns."""
     total = np.maximum(light.sum(axis=1), 0.0)
@@ -153,14 +155,14 @@ def _alone(
     return matrix
 
 
-def _by_ratio(light: Array, flash: Array, weight: Array) -> Matrix:
+def _by_ratio(light: Floats64, flash: Floats64, weight: Floats64) -> Matrix:
     """First matrix from z = brightness of the light ÷ that of the flash."""
     strength = flash.sum(axis=1)
     z = light.sum(axis=1) / np.maximum(strength, _DARK * strength.mean())
     return _regress(np.maximum(z, 0.0)[:, None] * flash, light, weight)
 
 
-def _by_direction(light: Array, flash: Array, weight: Array) -> Matrix:
+def _by_direction(light: Floats64, flash: Floats64, weight: Floats64) -> Matrix:
     """First matrix from light × T flash = 0: both point the same way, which is linear in T."""
     across = np.square(light).sum(axis=1)[:, None, None] * np.eye(3)
     across -= light[:, :, None] * light[:, None, :]
@@ -170,18 +172,16 @@ def _by_direction(light: Array, flash: Array, weight: Array) -> Matrix:
     return np.asarray(matrix * np.sign(((flash @ matrix.T) * light).sum()))
 
 
-def _regress(before: Array, after: Array, weight: Array) -> Matrix:
+def _regress(before: Floats64, after: Floats64, weight: Floats64) -> Matrix:
     w = weight[:, None]
     return np.asarray(np.linalg.lstsq(before * w, after * w, rcond=None)[0].T)
 
 
-def _shares(
-    no_flash: NDArray[np.floating], flash: NDArray[np.floating], matrices: Matrix
-) -> Layers:
+def _shares(no_flash: Floats, flash: Floats, matrices: Matrix) -> Layers:
     weight = (1.0 / np.maximum(no_flash.reshape(-1, 3).mean(axis=0), 1e-12)).astype(np.float32)
     return shares(no_flash * weight, _predictions(flash, matrices) * weight)
 
 
-def _predictions(flash: NDArray[np.floating], matrices: Matrix) -> Layers:
+def _predictions(flash: Floats, matrices: Matrix) -> Layers:
     """T_j I_flash, (N, ..., 3), ≥ 0."""
     return np.stack([np.maximum(flash @ one.T.astype(np.float32), 0.0) for one in matrices])

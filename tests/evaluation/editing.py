@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.errors import InputError
 from pipeline.options import Options
 from pipeline.process import separate_files
@@ -39,8 +39,7 @@ from tests.evaluation.spectra import CAMERAS, Split, sensitivities, table
 from tests.evaluation.tables import markdown
 from tests.layers import layers_of, planes_of
 
-Array = NDArray[np.float64]
-Layers = NDArray[np.floating]
+Layers = Floats
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("editing_head.md")
@@ -188,21 +187,21 @@ def _product(shot: Shot, method: str, shown: str) -> tuple[Layers, Layers]:
     return taken, edited
 
 
-def _exposed_alike(taken: str, shown: str) -> Array:
+def _exposed_alike(taken: str, shown: str) -> Floats64:
     """Sensitivities (3, W) of the other camera, its green response to D65 that of the first."""
     daylight = find_light(_DAYLIGHT)
     here, there = sensitivities(taken), sensitivities(shown)
     return np.asarray(there * (here[1] @ daylight) / (there[1] @ daylight))
 
 
-def _angles(wanted: Array, seen: Array) -> Array:
+def _angles(wanted: Floats64, seen: Floats64) -> Floats64:
     """Angles in degrees between colours (n, 3), 90 where none is seen."""
     across = np.linalg.norm(np.cross(seen, wanted), axis=1)
     angles = np.degrees(np.arctan2(across, (seen * wanted).sum(axis=1)))
     return np.where(seen.any(axis=1), angles, _WRONG_DEG)
 
 
-def _to_lab(photograph: Array, camera: Array) -> Callable[[Array], Array]:
+def _to_lab(photograph: Floats64, camera: Floats64) -> Callable[[Floats64], Floats64]:
     """From RGB (n, 3) of the other camera to CIE L*a*b*, the photograph's bright parts white."""
     daylight = find_light(_DAYLIGHT)
     matrix = camera_to_xyz(camera, daylight, reflectance_spectra())
@@ -210,7 +209,7 @@ def _to_lab(photograph: Array, camera: Array) -> Callable[[Array], Array]:
     with without_warnings():
         xy = colour_science().CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"][_DAYLIGHT]
 
-    def convert(rgb: Array) -> Array:
+    def convert(rgb: Floats64) -> Floats64:
         with without_warnings():
             xyz = np.maximum(rgb @ matrix.T / white, 0.0)
             return np.asarray(colour_science().XYZ_to_Lab(xyz, xy))
@@ -218,7 +217,7 @@ def _to_lab(photograph: Array, camera: Array) -> Callable[[Array], Array]:
     return convert
 
 
-def _delta_e(wanted: Array, seen: Array) -> float:
+def _delta_e(wanted: Floats64, seen: Floats64) -> float:
     with without_warnings():
         return float(colour_science().delta_E(wanted, seen, method="CIE 2000").mean())
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Stack = NDArray[np.float32]
+from pipeline.arrays import Floats32
+
+Stack = Floats32
 
 _REACH = 3  # pixels
 _LIKE_NORMALS = 0.95  # cosine

@@ -17,8 +17,8 @@ from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode
 from pipeline.errors import InputError
 from pipeline.lamps.contradictions import contradictions
@@ -41,7 +41,6 @@ from tests.evaluation.shots import Shot
 from tests.evaluation.spectra import Split
 from tests.evaluation.tables import Rows, aligned, markdown
 
-Array = NDArray[np.float64]
 Kind = Literal["right", "mixed", "absent"]
 
 GROUPS = {"one": 12, "two": 8, "three": 4, "smooth-two": 6}
@@ -173,7 +172,7 @@ def _area(place: tuple[float, float]) -> dict[str, float]:
     return {"x": place[0], "y": place[1], "radius": _RADIUS}
 
 
-def _shares(shot: Shot) -> tuple[Array, Array]:
+def _shares(shot: Shot) -> tuple[Floats64, Floats64]:
     """Share (N, H, W) of each lamp in usable pixels, 0 elsewhere, and all light (H, W)."""
     light = shot.truth.sum(axis=3)
     total = light.sum(axis=0)
@@ -181,14 +180,14 @@ def _shares(shot: Shot) -> tuple[Array, Array]:
     return np.where(usable, light / np.maximum(total, 1e-9), 0.0), total
 
 
-def _least(share: Array) -> Array:
+def _least(share: Floats64) -> Floats64:
     """Least share within the disc about each pixel."""
     side = 2 * _RADIUS + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     return np.asarray(cv2.erode(share, disc, borderValue=0))
 
 
-def _is_known(spectrum: Array) -> bool:
+def _is_known(spectrum: Floats64) -> bool:
     """Whether the families were learnt from a lamp just like it."""
     known = unit(np.concatenate(list(family_spectra().values())))
     return bool((known @ unit(spectrum)).max() > _TWIN_COSINE)

@@ -8,12 +8,11 @@ from itertools import combinations
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from tests.evaluation.geometry import Geometry, Kind, Lamp, Shape, Vector, View
 from tests.evaluation.patterns import Pattern
 
-Array = NDArray[np.float64]
 Layout = Literal["room", "corner", "smooth", "close", "panels", "wall"]
 _LAYOUTS = get_args(Layout)
 
@@ -264,11 +263,11 @@ def _paints(random: np.random.Generator) -> Iterator[Pattern]:
             yield Pattern("patches", own, 2 * cells, seed)
 
 
-def _vector(values: Array) -> Vector:
+def _vector(values: Floats64) -> Vector:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def _angle(a: Array, b: Array) -> float:
+def _angle(a: Floats64, b: Floats64) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _AROUND = 192  # fine enough that the rim of an attached shadow is smooth
 _ALONG = 128
@@ -18,9 +18,9 @@ _ALONG = 128
 class MeshData:
     """points, normals: (n, 3). uv: (n, 2). faces: (m, 3)."""
 
-    points: Array
-    normals: Array
-    uv: Array
+    points: Floats64
+    normals: Floats64
+    uv: Floats64
     faces: NDArray[np.uint32]
 
 
@@ -40,14 +40,14 @@ def mesh_of(kind: str, seed: int) -> MeshData:
     return _revolve([np.array(piece) for piece in pieces if piece[0] != piece[1]])
 
 
-def _vase(t: Array, random: np.random.Generator) -> Array:
+def _vase(t: Floats64, random: np.random.Generator) -> Floats64:
     swell = 0.55 + 0.2 * np.cos(2 * np.pi * (t * random.uniform(0.7, 1.3) + random.uniform()))
     closed = np.sqrt(1 - np.abs(2 * t - 1) ** 8)
     radius = swell * closed
     return np.stack([radius / radius.max() * 0.8, 2 * t - 1], 1)
 
 
-def _revolve(pieces: list[Array]) -> MeshData:
+def _revolve(pieces: list[Floats64]) -> MeshData:
     """Turn pieces of a profile, (n, 2) of radius and height, about y; edges between them are sharp.
 
     A piece goes upwards on the outside, so that its normals, to its right, look outwards.
@@ -66,15 +66,15 @@ def _revolve(pieces: list[Array]) -> MeshData:
     return _joined(parts)
 
 
-def _around(profile: Array, angle: Array, wave: np.ufunc = np.sin) -> Array:
+def _around(profile: Floats64, angle: Floats64, wave: np.ufunc = np.sin) -> Floats64:
     return np.asarray(profile[:, :1] * wave(angle))
 
 
-def _level(profile: Array) -> Array:
+def _level(profile: Floats64) -> Floats64:
     return np.repeat(profile[:, 1:], _AROUND + 1, axis=1)
 
 
-def _sheet(points: Array, normals: Array, uv: Array) -> MeshData:
+def _sheet(points: Floats64, normals: Floats64, uv: Floats64) -> MeshData:
     """Triangles between neighbours of a grid (h, w, …)."""
     height, width = points.shape[:2]
     index = np.arange(height * width, dtype=np.uint32).reshape(height, width)

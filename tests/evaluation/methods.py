@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import Matrix
 from pipeline.images.push_pull import push_pull
 from tests.definitions.pixels import normalised
@@ -26,8 +26,7 @@ from tests.evaluation.product import run_product
 from tests.evaluation.shots import Shot
 from tests.layers import layers_of
 
-Array = NDArray[np.float64]
-Layers = NDArray[np.float32]
+Layers = Floats32
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Answer:
     """
 
     layers: Layers
-    coefficients: Array | None = None
+    coefficients: Floats64 | None = None
     confidence: float | None = None
     warnings: tuple[dict[str, Any], ...] = ()
     of_white: bool = False

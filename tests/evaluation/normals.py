@@ -19,8 +19,8 @@ from typing import Any, get_args
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode
 from pipeline.errors import InputError
 from pipeline.options import Options
@@ -33,8 +33,6 @@ from tests.evaluation.objects import CAMERA, OBJECTS, Kind, Object, ObjectShot, 
 from tests.evaluation.spectra import Split, flash_spectrum, sensitivities
 from tests.evaluation.tables import markdown
 from tests.layers import planes_of
-
-Array = NDArray[np.float64]
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("normals_head.md")
@@ -93,9 +91,9 @@ class Figures:
 class Found:
     """What a method finds: normals (H, W, 3), depth (H, W), confidence (H, W) 0…1 of normals."""
 
-    normals: Array
-    depth: Array | None = None
-    confidence: Array | None = None
+    normals: Floats64
+    depth: Floats64 | None = None
+    confidence: Floats64 | None = None
 
 
 Method = Callable[[ObjectShot, Condition], Found]
@@ -184,7 +182,7 @@ def measure(name: str, thing: Object, split: Split, method: str) -> Figures:
 
 
 def _by_confidence(
-    degrees: Array, confidence: Array | None
+    degrees: Floats64, confidence: Floats64 | None
 ) -> tuple[float, float] | tuple[None, None]:
     """Mean error of the tenth least trusted and of the half most trusted of all known pixels."""
     if confidence is None:
@@ -195,7 +193,7 @@ def _by_confidence(
     return float(ordered[:tenth].mean()), float(ordered[half:].mean())
 
 
-def _depth_error(depth: Array, shot: ObjectShot) -> float:
+def _depth_error(depth: Floats64, shot: ObjectShot) -> float:
     """RMS error over the object after the best scale, by the difference of far and near."""
     known = np.isfinite(shot.normals).all(axis=2) & np.isfinite(depth)
     true, found = shot.depth[known], depth[known]

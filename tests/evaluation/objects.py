@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.lights import find_light
 from tests.evaluation.capture import Sensor, expose, tiff
 from tests.evaluation.geometry import Geometry, Lamp, Shape, Vector, View
@@ -18,7 +19,6 @@ from tests.evaluation.scenes import WHITE_LEVEL
 from tests.evaluation.spectra import Split, flash_spectrum, lamps, reflectances, sensitivities
 from tests.evaluation.transport import DirectTransport
 
-Array = NDArray[np.float64]
 Kind = Literal["measured", "peaked", "filtered"]
 
 CAMERA = "Nikon D5100"
@@ -59,8 +59,8 @@ class ObjectShot:
     files: tuple[bytes, bytes]
     options: dict[str, Any]
     lights: list[dict[str, Any]]
-    normals: Array
-    depth: Array
+    normals: Floats64
+    depth: Floats64
     lit: NDArray[np.bool_]
 
 
@@ -251,7 +251,7 @@ def _rendered(thing: Object) -> tuple[DirectTransport, Facing]:
     return render_facing(Geometry(thing.shapes, tuple(lights), _VIEW), SIZE)
 
 
-def _lamps(random: np.random.Generator, split: Split, kind: Kind, s: Array) -> Array:
+def _lamps(random: np.random.Generator, split: Split, kind: Kind, s: Floats64) -> Floats64:
     """Three spectra (3, W) whose colours differ."""
     known = lamps(split).spectra
     if kind == "peaked":
@@ -272,6 +272,6 @@ def _lamps(random: np.random.Generator, split: Split, kind: Kind, s: Array) -> A
     raise ValueError(f"no three {kind} lamps differ enough")
 
 
-def _response(spectrum: Array, s: Array, strength: float) -> Array:
+def _response(spectrum: Floats64, s: Floats64, strength: float) -> Floats64:
     response = spectrum[:, None] * s.T
     return np.asarray(strength * response / response[:, 1].sum())

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats32, Floats64
 
 _TEXTURE_SIDE = 256
 _ROUGHEST = 64.0  # cycles per side
@@ -41,9 +41,9 @@ class Texels:
 
     first: NDArray[np.int16]
     second: NDArray[np.int16]
-    share: NDArray[np.float32]
+    share: Floats32
 
-    def at(self, u: Array, v: Array) -> Texels:
+    def at(self, u: Floats64, v: Floats64) -> Texels:
         """Look up the texels at surface coordinates of any shape; they repeat outside 0 to 1."""
         height, width = self.first.shape
         row = np.minimum((v % 1.0 * height).astype(np.intp), height - 1)

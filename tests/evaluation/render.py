@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.vectors import unit
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
@@ -21,8 +22,6 @@ from tests.evaluation.grain import smooth_bounces
 from tests.evaluation.meshes import mesh_of
 from tests.evaluation.patterns import Texels, paint
 from tests.evaluation.transport import BANDS_NM, BandTransport, DirectTransport, Transport
-
-Array = NDArray[np.float64]
 
 VERSION = 2
 """Counts up when the same geometry renders differently."""
@@ -41,7 +40,7 @@ _LAMP = {
 _DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1, "hide_emitters": True}
 
 
-def render(geometry: Geometry, palette: Array, size: tuple[int, int]) -> Transport:
+def render(geometry: Geometry, palette: Floats64, size: tuple[int, int]) -> Transport:
     """Render every lamp of a geometry alone, with unit power.
 
     palette: (m, W) reflectances, used where light bounces. size: (width, height) in pixels.
@@ -58,8 +57,8 @@ class Facing:
     places: (H, W, 3), metres. lit: bool (L, H, W), wholly lit by a lamp.
     """
 
-    normals: Array
-    places: Array
+    normals: Floats64
+    places: Floats64
     lit: NDArray[np.bool_]
 
 
@@ -67,7 +66,7 @@ def render_facing(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTran
     """Render direct light, and where surfaces face. size: (width, height) in pixels."""
     transport, shown = _direct(geometry, (size[0] * _FACTOR, size[1] * _FACTOR))
 
-    def blocks(picture: NDArray[np.floating]) -> Array:
+    def blocks(picture: Floats) -> Floats64:
         shape = (size[1], _FACTOR, size[0], _FACTOR, *picture.shape[2:])
         return picture.reshape(shape).astype(np.float64)
 
@@ -85,9 +84,9 @@ class _Shown:
     """What sub-pixels show: texels, which shape (h, w), its normal and its place (h, w, 3)."""
 
     texels: Texels
-    shape: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    places: NDArray[np.float32]
+    shape: Floats32
+    normals: Floats32
+    places: Floats32
 
 
 def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport, _Shown]:
@@ -123,7 +122,7 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport,
 
 def _bounces(
     geometry: Geometry,
-    palette: Array,
+    palette: Floats64,
     size: tuple[int, int],
     direct: DirectTransport,
     shown: _Shown,
@@ -141,7 +140,7 @@ def _bounces(
     reflectance = bare.picture(0, each, in_bands).transpose(2, 0, 1)
     depth = _LONGEST_PATH if geometry.depth is None else geometry.depth
     path = {"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True}
-    bounced: list[list[NDArray[np.float32]]] = [[] for _lamp in geometry.lamps]
+    bounced: list[list[Floats32]] = [[] for _lamp in geometry.lamps]
     # its rays through a pixel do not depend on the integrator, so that direct light cancels
     sampler = {"type": "ldsampler", "sample_count": _PATHS}
     sensor = _sensor(geometry.view, size, sampler)
@@ -168,7 +167,7 @@ def _named(geometry: Geometry) -> list[tuple[str, Shape]]:
     return [(f"shape{i}", shape) for i, shape in enumerate(geometry.shapes)]
 
 
-def _texels(geometry: Geometry, ids: list[str], what: NDArray[np.float32]) -> Texels:
+def _texels(geometry: Geometry, ids: list[str], what: Floats32) -> Texels:
     """Find what each sub-pixel is made of.
 
     what: (h, w, 3) of u, v and the place in ids, from 1; 0 is nothing.
@@ -184,7 +183,7 @@ def _texels(geometry: Geometry, ids: list[str], what: NDArray[np.float32]) -> Te
     return Texels(first, second, share)
 
 
-def _points(lamp: Lamp, view: View) -> list[Array]:
+def _points(lamp: Lamp, view: View) -> list[Floats64]:
     """Points of a round lamp that faces what the camera looks at."""
     centre = np.array(lamp.centre)
     if lamp.radius == 0:
@@ -215,11 +214,11 @@ def _load(scene: dict[str, Any]) -> Any:
     return _mitsuba().load_dict({"type": "scene", **scene}, optimize=False)
 
 
-def _image(scene: Any) -> NDArray[np.float32]:
+def _image(scene: Any) -> Floats32:
     return np.array(_mitsuba().render(scene, seed=0), np.float32)
 
 
-def _moved(scene: Any, lamp: Any) -> NDArray[np.float32]:
+def _moved(scene: Any, lamp: Any) -> Floats32:
     """Render with the lamp elsewhere."""
     parameters = _mitsuba().traverse(scene)
     parameters["lamp.position"] = _mitsuba().ScalarPoint3f(*map(float, lamp))
@@ -265,7 +264,7 @@ def _surface(colour: dict[str, Any], shape: Shape, roughness: float | None) -> d
     }
 
 
-def _painted(shape: Shape, palette: Array) -> dict[str, Any]:
+def _painted(shape: Shape, palette: Floats64) -> dict[str, Any]:
     """Texture of a shape's pattern. palette: (m, 3)."""
     texels = paint(shape.pattern)
     share = texels.share[..., None]
@@ -295,7 +294,7 @@ def _shape(name: str, shape: Shape, surface: dict[str, Any]) -> Any:
     return _mesh(name, shape, np.array(placed.matrix, np.float64), surface)
 
 
-def _mesh(name: str, shape: Shape, matrix: Array, surface: dict[str, Any]) -> Any:
+def _mesh(name: str, shape: Shape, matrix: Floats64, surface: dict[str, Any]) -> Any:
     mi = _mitsuba()
     data = mesh_of(shape.kind, shape.seed)
     points = data.points @ matrix[:3, :3].T + matrix[:3, 3]

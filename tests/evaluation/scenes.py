@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation import cache
@@ -29,8 +29,6 @@ from tests.evaluation.spectra import (
     reflectances,
     sensitivities,
 )
-
-Array = NDArray[np.float64]
 
 SIZE = (256, 192)
 CAMERA, FLASH = "Nikon D5100", "xenon"
@@ -77,8 +75,8 @@ class Scene:
     group: str
     split: Split
     geometry: Geometry
-    palette: Array
-    lamp_spectra: Array
+    palette: Floats64
+    lamp_spectra: Floats64
     lamp_names: tuple[str, ...]
     strengths: tuple[float, ...]
     camera: str = CAMERA
@@ -106,7 +104,7 @@ class RenderedScene:
     """
 
     scene: Scene
-    lamps: NDArray[np.float32]
+    lamps: Floats32
     flash: Image
     flash_frame: Image
 
@@ -137,8 +135,8 @@ def render_scene(
 
 def render_seen(
     scene: Scene,
-    s: Array,
-    flash: Array,
+    s: Floats64,
+    flash: Floats64,
     size: tuple[int, int] = SIZE,
     motion_px: float = 0.0,
     flash_strength: float = 1.0,
@@ -170,9 +168,7 @@ def render_neutral(scene: Scene, size: tuple[int, int] = SIZE) -> Image:
     return neutral_seen(scene, sensitivities(scene.camera), lit, size)
 
 
-def neutral_seen(
-    scene: Scene, s: Array, lit: NDArray[np.float32], size: tuple[int, int] = SIZE
-) -> Image:
+def neutral_seen(scene: Scene, s: Floats64, lit: Floats32, size: tuple[int, int] = SIZE) -> Image:
     """Show a scene to a camera (3, W) as if every lamp shone like NEUTRAL, as bright as it is.
 
     lit: (N, H, W, 3), what the camera sees of each lamp, from render_seen.
@@ -187,7 +183,7 @@ def neutral_seen(
     return np.asarray(sum(shown), dtype=np.float32)
 
 
-def render_response(scene: Scene, camera: str, size: tuple[int, int] = SIZE) -> NDArray[np.float32]:
+def render_response(scene: Scene, camera: str, size: tuple[int, int] = SIZE) -> Floats32:
     """Show every lamp of a scene alone as another camera sees it, (N, H, W, 3), its linear RGB.
 
     The camera is exposed so that a white card in daylight, D65, gives it the same green. The scale
@@ -208,9 +204,9 @@ def scenes(group: str, split: Split) -> list[Scene]:
 
 def _changed(
     scene: Scene,
-    lit: NDArray[np.float32],
-    seen: list[Array],
-    shown: list[Array],
+    lit: Floats32,
+    seen: list[Floats64],
+    shown: list[Floats64],
     size: tuple[int, int],
 ) -> list[Image]:
     """Pictures of the lamps by other responses (W, 3), on the scale of lit (N, H, W, 3)."""
@@ -222,7 +218,7 @@ def _changed(
 
 
 def _pictures(
-    scene: Scene, geometry: Geometry, responses: list[Array], size: tuple[int, int]
+    scene: Scene, geometry: Geometry, responses: list[Floats64], size: tuple[int, int]
 ) -> list[Image]:
     transport = cache.transport(geometry, scene.palette, size)
     return [
@@ -236,7 +232,7 @@ def _make(
     number: int,
     layout: Layout,
     count: int,
-    choose: Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]],
+    choose: Callable[[Lamps, np.random.Generator], tuple[Floats64, tuple[str, ...]]],
 ) -> Scene:
     """Make a scene; its seed depends on its group, half and number alone."""
     name = f"{group}-{split}-{number:02d}"
@@ -257,10 +253,10 @@ def _make(
 
 def _apart(
     count: int, least_deg: float, broad: bool = False
-) -> Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]]:
+) -> Callable[[Lamps, np.random.Generator], tuple[Floats64, tuple[str, ...]]]:
     """Choose lamps at random, each pair at least so many degrees apart."""
 
-    def choose(own: Lamps, random: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
+    def choose(own: Lamps, random: np.random.Generator) -> tuple[Floats64, tuple[str, ...]]:
         candidates = np.flatnonzero(own.broad) if broad else np.arange(len(own.names))
         near = _cosines(own.spectra) > np.cos(np.radians(least_deg))
         for _try in range(_TRIES):
@@ -272,7 +268,7 @@ def _apart(
     return choose
 
 
-def _cosines(spectra: Array) -> Array:
+def _cosines(spectra: Floats64) -> Floats64:
     """Cosines (n, n) of the angles between lamps' coefficient vectors."""
     found = coefficients(spectra, CAMERA)
     return np.asarray(found @ found.T)
@@ -306,13 +302,13 @@ def _sweep(group: str, split: Split) -> list[Scene]:
 
 def _at_angle(
     wanted_deg: float,
-) -> Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]]:
+) -> Callable[[Lamps, np.random.Generator], tuple[Floats64, tuple[str, ...]]]:
     """Choose a pair wider apart, and mix of the one into the other until the angle is right.
 
     Where no measured pair is as wide, both get the coloured shades that part them most.
     """
 
-    def choose(own: Lamps, random: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
+    def choose(own: Lamps, random: np.random.Generator) -> tuple[Floats64, tuple[str, ...]]:
         if wanted_deg > _WIDEST_BARE_DEG:
             own = _shaded(own)
         wide = np.argwhere(_cosines(own.spectra) < np.cos(np.radians(wanted_deg)))

@@ -5,16 +5,14 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.images.frames import Image, Mask
-
-Array = NDArray[np.float64]
 
 _MIN_FLASH = 0.01  # of the 99th percentile; below, hardly any light of the flash arrives
 
 
-def valid_pixels(truth: NDArray[np.floating], flash: Image, white: float) -> Mask:
+def valid_pixels(truth: Floats, flash: Image, white: float) -> Mask:
     """Pixels (H, W) that count, decided from the truth alone and so the same for all methods.
 
     They have a usable flash part, and neither photograph is clipped there.
@@ -31,9 +29,7 @@ def valid_pixels(truth: NDArray[np.floating], flash: Image, white: float) -> Mas
     return np.asarray(lit & (brightest < white))
 
 
-def joint_snr(
-    truth: NDArray[np.floating], layers: NDArray[np.floating], valid: Mask
-) -> tuple[float, tuple[int, ...]]:
+def joint_snr(truth: Floats, layers: Floats, valid: Mask) -> tuple[float, tuple[int, ...]]:
     """Signal-to-noise ratio of all layers together, and which layer is which lamp's.
 
     10·log10(Σ‖truth‖² / Σ‖truth − layer‖²) in dB over the valid pixels of every layer, in the best
@@ -82,7 +78,7 @@ def balance_score(truth: Image, balanced: Image, valid: Mask) -> tuple[float, fl
     return snr, float(np.degrees(np.median(angles)))
 
 
-def coefficient_error_deg(truth: Array, found: Array, order: tuple[int, ...]) -> float:
+def coefficient_error_deg(truth: Floats64, found: Floats64, order: tuple[int, ...]) -> float:
     """Mean angle in degrees between the lamps' coefficients (N, 3) and those found.
 
     order: as joint_snr gives it. Hui et al. 2018, supplement, figure 4.
@@ -91,5 +87,5 @@ def coefficient_error_deg(truth: Array, found: Array, order: tuple[int, ...]) ->
     return float(np.degrees(np.mean(angles)))
 
 
-def _angle(a: Array, b: Array) -> float:
+def _angle(a: Floats64, b: Floats64) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))  # exact for small angles too

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats32, Floats64
 from pipeline.decode import decode
 from pipeline.images.frames import Image, Mask
 from pipeline.images.sigma_filter import sigma_filter
@@ -16,8 +14,6 @@ from pipeline.options import Options
 from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.progress import Progress
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,14 +33,14 @@ class Shot:
     files: tuple[bytes, bytes]
     options: dict[str, Any]
     lights: Literal["auto", 1, 2, 3]
-    truth: NDArray[np.float32]
+    truth: Floats32
     flash_part: Image
     valid: Mask
-    lamp_spectra: Array
-    flash_spectrum: Array
-    sensitivities: Array
-    axes: Array
-    coefficients: Array | None
+    lamp_spectra: Floats64
+    flash_spectrum: Floats64
+    sensitivities: Floats64
+    axes: Floats64
+    coefficients: Floats64 | None
 
     @property
     def count(self) -> int:

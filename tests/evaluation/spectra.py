@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.options import Sensitivities
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.folder import folder_spectra
@@ -28,7 +29,6 @@ from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
 Split = Literal["development", "report"]
 
 CAMERAS = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}
@@ -38,7 +38,7 @@ FLASHES = ("xenon", "led")
 _TWIN_COSINE = 0.999
 _BROAD_NM = 120.0
 _MEASURED = ("Commercial", "Experimental")
-_HANDED_OVER: dict[str, Array] = {}
+_HANDED_OVER: dict[str, Floats64] = {}
 _REFLECTANCE_TABLES = ("Munsell1269.dat", "Opstelten1983_215.dat", "CRI2012_R210.dat")
 
 
@@ -50,7 +50,7 @@ class Lamps:
     """
 
     names: tuple[str, ...]
-    spectra: Array
+    spectra: Floats64
     broad: NDArray[np.bool_]
 
 
@@ -70,7 +70,7 @@ def lamps(split: Split) -> Lamps:
 
 
 @cache
-def reflectances(split: Split) -> Array:
+def reflectances(split: Split) -> Floats64:
     """Reflectances (m, W) of a half, 0 to 1."""
     folder = _folder() / "rfls"
     table = np.concatenate([_table(folder / name) for name in _REFLECTANCE_TABLES])
@@ -79,7 +79,7 @@ def reflectances(split: Split) -> Array:
 
 
 @cache
-def sensitivities(camera: str) -> Array:
+def sensitivities(camera: str) -> Floats64:
     """Sensitivities (3, W) of a camera, the largest value 1, ratio of channels as measured.
 
     camera: one of CAMERAS, one handed over, or an AMPAS JSON in the folder that LIGHTLAYERS_SPECTRA
@@ -100,7 +100,7 @@ def at_hand(camera: str) -> bool:
     return camera in CAMERAS or camera in _HANDED_OVER or camera in folder_spectra()
 
 
-def hand_over(curves: dict[str, Array]) -> None:
+def hand_over(curves: dict[str, Floats64]) -> None:
     """Tell sensitivities (3, W) by name, to a worker whose pipeline knows no folder of spectra."""
     _HANDED_OVER.update(curves)
 
@@ -111,7 +111,7 @@ def table(camera: str) -> Sensitivities:
     return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
-def _ampas(path: Path) -> Array:
+def _ampas(path: Path) -> Floats64:
     rows = json.loads(path.read_text(encoding="utf-8"))["spectral_data"]["data"]["main"]
     values = on_grid(
         [float(nm) for nm in rows], [list(map(float, row)) for row in rows.values()], "zero"
@@ -119,12 +119,12 @@ def _ampas(path: Path) -> Array:
     return _frozen(values / values.max())
 
 
-def flash_spectrum(name: str) -> Array:
+def flash_spectrum(name: str) -> Floats64:
     """Spectrum (W,) of one of FLASHES, summing to 1."""
     return find_light(name)
 
 
-def axes(camera: str) -> Array:
+def axes(camera: str) -> Floats64:
     """(3, 3), camera RGB of a white card under a lamp → the coordinates of coefficients."""
     return _basis(camera).published
 
@@ -134,7 +134,7 @@ def _basis(camera: str) -> SpectralBasis:
     return learn_basis("wpca", sensitivities(camera), reflectance_spectra(), lamp_spectra())
 
 
-def coefficients(spectra: Array, camera: str) -> Array:
+def coefficients(spectra: Floats64, camera: str) -> Floats64:
     """Coefficients (n, 3) of lamps (n, W), of length one, in an orthonormal weighted-PCA basis.
 
     These are the coordinates in which Hui et al. 2018 state the angles between their lamps
@@ -144,14 +144,14 @@ def coefficients(spectra: Array, camera: str) -> Array:
     return unit(spectra @ (basis.published @ basis.to_coefficients).T)
 
 
-def angle_deg(a: Array, b: Array, camera: str) -> float:
+def angle_deg(a: Floats64, b: Floats64, camera: str) -> float:
     """Angle between two lamps' coefficient vectors (see coefficients)."""
     u, v = coefficients(np.stack([a, b]), camera)
     across = np.linalg.norm(np.cross(u, v))  # exact where the cosine is near 1
     return float(np.degrees(np.arctan2(across, u @ v)))
 
 
-def _without_twins(spectra: Array, candidates: list[int], known: Array) -> list[int]:
+def _without_twins(spectra: Floats64, candidates: list[int], known: Floats64) -> list[int]:
     """Candidates unlike every known spectrum and every candidate kept before."""
     unit = spectra / np.linalg.norm(spectra, axis=1, keepdims=True)
     others = known / np.linalg.norm(known, axis=1, keepdims=True)
@@ -174,12 +174,12 @@ def _folder() -> Path:
     return Path(spec.origin).parent / "data"
 
 
-def _table(path: Path) -> Array:
+def _table(path: Path) -> Floats64:
     """Columns of a table whose first one is the wavelength, (n, W)."""
     columns = np.loadtxt(path, delimiter=",")
     return np.clip(on_grid(columns[:, 0], columns[:, 1:], "hold").T, 0.0, None)
 
 
-def _frozen(values: Array) -> Array:
+def _frozen(values: Floats64) -> Floats64:
     values.setflags(write=False)
     return values

@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image, Matrix
 from pipeline.spectra.lights import find_light
 from tests.evaluation.ceilings import best_matrices, dealt_out, regressed_matrices, tuned_matrices
@@ -149,7 +149,7 @@ def test_a_lamp_like_the_flash_has_the_unit_matrix() -> None:
 
 def test_shares_are_dealt_out_per_channel() -> None:
     flash = np.ones((1, 2, 3), np.float32)
-    lamps: NDArray[np.float64] = np.stack([np.diag([1.0, 0.5, 0.0]), np.diag([0.0, 0.5, 1.0])])
+    lamps: Floats64 = np.stack([np.diag([1.0, 0.5, 0.0]), np.diag([0.0, 0.5, 1.0])])
     photograph = np.array([[[2.0, 2.0, 2.0], [0.8, 0.4, 0.0]]], np.float32)
 
     layers = dealt_out(photograph, photograph, flash, lamps)

@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
 from tests.evaluation.layouts import make_geometry
 from tests.evaluation.patterns import Pattern
 from tests.evaluation.render import render
 from tests.evaluation.transport import DirectTransport
-
-Array = NDArray[np.float64]
 
 SIZE = (48, 36)
 FACTOR = 3
@@ -28,7 +26,7 @@ WHITE = np.ones((1, len(WAVELENGTHS_NM)))
 LIGHT = np.full((len(WAVELENGTHS_NM), 1), 1 / len(WAVELENGTHS_NM))  # of unit power
 
 
-def rays(view: View, size: tuple[int, int] = SIZE) -> tuple[Array, Array]:
+def rays(view: View, size: tuple[int, int] = SIZE) -> tuple[Floats64, Floats64]:
     """Position of the camera and directions (h, w, 3) through the centres of sub-pixels."""
     at = np.array(view.position)
     forward = np.array(view.look_at) - at
@@ -44,7 +42,7 @@ def rays(view: View, size: tuple[int, int] = SIZE) -> tuple[Array, Array]:
     return at, out / np.linalg.norm(out, axis=2, keepdims=True)
 
 
-def to_ball(start: Array, way: Array) -> Array:
+def to_ball(start: Floats64, way: Floats64) -> Floats64:
     """Distance to the ball along unit ways, infinite where they miss it."""
     to = np.array(BALL.centre) - start
     along = np.sum(to * way, axis=-1)
@@ -53,7 +51,7 @@ def to_ball(start: Array, way: Array) -> Array:
     return np.where((inside > 0) & (reach > 1e-6), reach, np.inf)
 
 
-def irradiance(lamp: Lamp) -> Array:
+def irradiance(lamp: Lamp) -> Floats64:
     """Cosine over the square of the distance where the lamp is seen, (h, w), by sub-pixel."""
     at, way = rays(SCENE.view)
     down = way[..., 1] < 0
@@ -71,7 +69,7 @@ def irradiance(lamp: Lamp) -> Array:
     return np.where(seen, np.maximum(np.sum(normal * to_lamp, axis=2), 0) / away**2, 0)
 
 
-def to_pixels(values: Array) -> Array:
+def to_pixels(values: Floats64) -> Floats64:
     blocks = values.reshape(SIZE[1], FACTOR, SIZE[0], FACTOR)
     return np.asarray(blocks.mean(axis=(1, 3)))
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from tests.evaluation.scoring import (
     balance_score,
     coefficient_error_deg,
@@ -14,7 +15,7 @@ from tests.evaluation.scoring import (
 EVERYWHERE = np.ones((2, 4), dtype=np.bool_)
 
 
-def truth() -> NDArray[np.float32]:
+def truth() -> Floats32:
     """Two lamps of light 1 and 2 everywhere, 2 × 4 pixels."""
     return np.stack([np.full((2, 4, 3), value, np.float32) for value in (1.0, 2.0)])
 
@@ -105,7 +106,7 @@ def test_coefficient_error_is_exact_for_small_angles() -> None:
     assert coefficient_error_deg(lamps, found, (0,)) == pytest.approx(np.degrees(1e-9))
 
 
-def pictures() -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def pictures() -> tuple[Floats32, NDArray[np.bool_]]:
     truth = np.random.default_rng(3).uniform(0.1, 1, (8, 10, 3)).astype(np.float32)
     return truth, np.ones((8, 10), np.bool_)
 

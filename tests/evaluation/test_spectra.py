@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.lights import lamp_spectra, reflectance_spectra
 from tests.evaluation.spectra import (
@@ -14,10 +14,8 @@ from tests.evaluation.spectra import (
     sensitivities,
 )
 
-Array = NDArray[np.float64]
 
-
-def nearest(a: Array, b: Array) -> float:
+def nearest(a: Floats64, b: Floats64) -> float:
     """Largest cosine between a spectrum of the one and one of the other."""
     unit = [s / np.linalg.norm(s, axis=1, keepdims=True) for s in (a, b)]
     return float((unit[0] @ unit[1].T).max())

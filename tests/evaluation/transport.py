@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import Image
 from pipeline.spectra.grid import WAVELENGTHS_NM
 
-Array = NDArray[np.float64]
-
-BANDS_NM: Array = np.linspace(390.0, 730.0, 18)
+BANDS_NM: Floats64 = np.linspace(390.0, 730.0, 18)
 """Centres of the bands of BandTransport; between them transport is taken as linear."""
 
 
@@ -27,14 +26,14 @@ class DirectTransport:
     the palette, as in Texels.
     """
 
-    diffuse: NDArray[np.float32]
-    gloss: NDArray[np.float32] | None
+    diffuse: Floats32
+    gloss: Floats32 | None
     first: NDArray[np.int16]
     second: NDArray[np.int16]
-    share: NDArray[np.float32]
+    share: Floats32
     factor: int
 
-    def picture(self, lamp: int, response: Array, palette: Array) -> Image:
+    def picture(self, lamp: int, response: Floats64, palette: Floats64) -> Image:
         """Light of one lamp, float32 (H, W, C).
 
         response: (W, C), sensitivities × the lamp's spectrum. palette: (m, W) reflectances.
@@ -71,9 +70,9 @@ class BandTransport:
     bands: float32 (L, B, H, W), what a lamp of unit power at each of BANDS_NM gives.
     """
 
-    bands: NDArray[np.float32]
+    bands: Floats32
 
-    def picture(self, lamp: int, response: Array, palette: Array) -> Image:  # noqa: ARG002
+    def picture(self, lamp: int, response: Floats64, palette: Floats64) -> Image:  # noqa: ARG002
         """Light of one lamp, float32 (H, W, 3). response: (W, 3), sensitivities × spectrum."""
         to_bands = np.array([np.interp(WAVELENGTHS_NM, BANDS_NM, e) for e in np.eye(len(BANDS_NM))])
         weights = (to_bands @ response).astype(np.float32)

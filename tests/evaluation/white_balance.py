@@ -7,8 +7,8 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation.baselines.hsu2008 import mixture_balance
@@ -18,8 +18,6 @@ from tests.evaluation.product import run_product
 from tests.evaluation.scenes import NEUTRAL
 from tests.evaluation.shots import Shot
 from tests.layers import picture
-
-Array = NDArray[np.float64]
 
 _SHADES = 6.0
 
@@ -39,7 +37,7 @@ def _product(shot: Shot, method: Literal["best", "paper"], approach: Literal[1, 
     return picture(planes, "" if approach == 1 else "any.")
 
 
-def _white(shot: Shot) -> Array:
+def _white(shot: Shot) -> Floats64:
     """A white card's colour (3,) under the neutral light, green 1."""
     white = shot.sensitivities @ find_light(NEUTRAL)
     return np.asarray(white / white[1])

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import spsolve
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from tests.evaluation.baselines.matting_laplacian import matting_laplacian
-
-Array = NDArray[np.float64]
 
 _BIN = 0.03  # of the logarithm of a material's chromaticity
 _REACH = 3.0  # largest logarithm on the grid, either way
@@ -28,7 +27,7 @@ _FIDELITY = 0.1
 _DARK = 1e-3  # of the brightest green: chromaticity means nothing
 
 
-def mixture_balance(photograph: Image, lights: Array, neutral: Array) -> Image:
+def mixture_balance(photograph: Image, lights: Floats64, neutral: Floats64) -> Image:
     """Divide every pixel by the mixture of the two lights there.
 
     Materials are voted for, the mixture α taken where one material alone explains a pixel, and
@@ -58,7 +57,7 @@ def mixture_balance(photograph: Image, lights: Array, neutral: Array) -> Image:
     return np.asarray(balanced.reshape(photograph.shape), dtype=np.float32)
 
 
-def material_colours(seen: Array, ratios: Array) -> Array:
+def material_colours(seen: Floats64, ratios: Floats64) -> Floats64:
     """Logarithms (m, 2) of the R/G and B/G of the materials that explain most pixels, by voting.
 
     seen: (n, 2), logarithms of the pixels' ratios. ratios: (2, 2), of the two lights. Each pixel
@@ -73,7 +72,7 @@ def material_colours(seen: Array, ratios: Array) -> Array:
     fresh = np.ones(votes.shape, bool)
     fresh[:, 1:] = votes[:, 1:] != votes[:, :-1]  # one vote for each bin on the way
     waiting = np.ones(len(seen), bool)
-    found: list[Array] = []
+    found: list[Floats64] = []
     while len(found) < _MATERIALS and waiting.any():
         counts = np.bincount(votes[waiting][fresh[waiting]], minlength=side**2)
         winner = int(counts.argmax())
@@ -86,8 +85,8 @@ def material_colours(seen: Array, ratios: Array) -> Array:
 
 
 def unambiguous_mixtures(
-    seen: Array, materials: Array, ratios: Array
-) -> tuple[NDArray[np.bool_], Array]:
+    seen: Floats64, materials: Floats64, ratios: Floats64
+) -> tuple[NDArray[np.bool_], Floats64]:
     """Where just one material explains a pixel (n,), and the share of the first light then (n,)."""
     grid = np.linspace(0.0, 1.0, 201)
     mixed = _mixed(grid, ratios)
@@ -105,6 +104,6 @@ def unambiguous_mixtures(
     return explained == 1, mixture
 
 
-def _mixed(shares: Array, ratios: Array) -> Array:
+def _mixed(shares: Floats64, ratios: Floats64) -> Floats64:
     """Logarithms (n, 2) of the R/G and B/G of mixtures, shares (n,) of the first light's green."""
     return np.asarray(np.log(shares[:, None] * ratios[0] + (1 - shares[:, None]) * ratios[1]))

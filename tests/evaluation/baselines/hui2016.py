@@ -7,14 +7,14 @@ flash photography", ICCP 2016.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 
-Array = NDArray[np.float64]
 
-
-def pixel_kernels(photograph: Image, flash: Image, flash_white: Array, neutral: Array) -> Image:
+def pixel_kernels(
+    photograph: Image, flash: Image, flash_white: Floats64, neutral: Floats64
+) -> Image:
     """Divide every pixel by the colour of its own light, as flash and lamps show it.
 
     The light's colour is l = I_nf / I_f · w_f per channel, scaled to sum to that of the neutral

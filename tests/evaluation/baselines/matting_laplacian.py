@@ -7,15 +7,14 @@ Transactions on Pattern Analysis and Machine Intelligence 30(2), 2008, eq. 12.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-Array = NDArray[np.float64]
+from pipeline.arrays import Floats64
 
 _SIDE = 3  # of a window
 
 
-def matting_laplacian(picture: Array, epsilon: float) -> csc_array:
+def matting_laplacian(picture: Floats64, epsilon: float) -> csc_array:
     """Sparse symmetric matrix L (H·W, H·W) with αᵀ L α = 0 where α is affine in each window.
 
     picture: (H, W, C) with windows of 3 × 3 pixels inside. epsilon: how little slope in a window

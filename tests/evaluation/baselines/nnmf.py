@@ -6,15 +6,15 @@ Source: Lee and Seung, "Algorithms for Non-negative Matrix Factorization", NIPS 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.frames import Image
 
 _ROUNDS = 500
 _TINY = 1e-12
 
 
-def nnmf(photograph: Image, count: int) -> NDArray[np.float32]:
+def nnmf(photograph: Image, count: int) -> Floats32:
     """Layers (count, H, W, 3), each one column of W times one row of H.
 
     Pixels × channels ≈ W H, W, H ≥ 0, by multiplicative updates from a fixed random start.

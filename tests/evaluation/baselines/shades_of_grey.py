@@ -7,14 +7,12 @@ world of Buchsbaum, "A spatial processor model for object colour perception", 19
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 
-Array = NDArray[np.float64]
 
-
-def shades_of_grey(photograph: Image, neutral: Array, power: float) -> Image:
+def shades_of_grey(photograph: Image, neutral: Floats64, power: float) -> Image:
     """Scale the channels so that their Minkowski means have the colour of the neutral light.
 
     photograph: (H, W, 3) linear camera RGB. neutral: (3,), a white card's under the neutral light.

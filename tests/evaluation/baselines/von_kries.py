@@ -6,16 +6,14 @@ Source: Hui et al., CVPR 2018, with Γ of every channel by itself.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.lights import published_lights
 from pipeline.images.frames import Matrix
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
 
-
-def von_kries_matrices(no_flash: Array, flash: Array, count: int) -> Matrix:
+def von_kries_matrices(no_flash: Floats64, flash: Floats64, count: int) -> Matrix:
     """Matrices (count, 3, 3) of the lamps, diagonal: every channel has a factor of its own.
 
     Γ is I_nf / I_flash of each channel, scaled to length one, the lamps are those of the published

@@ -7,14 +7,12 @@ Optical Engineering 19, 1980; three lamps at once in three channels after Drew, 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 
-Array = NDArray[np.float64]
 
-
-def single_shot_normals(photograph: Image, colours: Array, directions: Array) -> Image:
+def single_shot_normals(photograph: Image, colours: Floats64, directions: Floats64) -> Image:
     """Unit normals n ∝ (C L)⁻¹ I of a surface of one colour; its albedo cancels.
 
     Parameters

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
+from pipeline.arrays import Floats
 from pipeline.decode import decode, raw
 from pipeline.images.frames import Exposure, Frame
 from pipeline.spectra.cameras import find_camera
@@ -31,7 +31,7 @@ def frames(pair: CapturedPair) -> tuple[Frame, Frame]:
     return decode(pair.no_flash.files["dng"]), decode(pair.flash.files["dng"])
 
 
-def snr_db(estimate: NDArray[np.floating], true: NDArray[np.floating]) -> float:
+def snr_db(estimate: Floats, true: Floats) -> float:
     error = np.square(estimate - true, dtype=np.float64).sum()
     return float(10 * np.log10(np.square(true, dtype=np.float64).sum() / error))
 

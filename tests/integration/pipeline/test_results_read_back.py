@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.decode import decode
 from pipeline.encode.exr import write_exr
@@ -18,12 +18,12 @@ from tests.strips import size_of, write_by_strips
 
 
 @pytest.fixture
-def picture() -> NDArray[np.float32]:
+def picture() -> Floats32:
     x, y = np.meshgrid(np.linspace(0.05, 0.9, 90), np.linspace(0.1, 1.0, 300))
     return np.stack([x, 0.8 * y, 0.5 * x * y + 0.1], axis=-1).astype(np.float32)
 
 
-def test_layers_exr_is_read_as_its_sum(tmp_path: Path, picture: NDArray[np.float32]) -> None:
+def test_layers_exr_is_read_as_its_sum(tmp_path: Path, picture: Floats32) -> None:
     planes = {name: picture[..., i] for i, name in enumerate("RGB")}
     lamps = {f"lamp1.{name}": 0.25 * plane for name, plane in planes.items()}
     write_exr(tmp_path / "layers.exr", {**planes, **lamps})
@@ -32,7 +32,7 @@ def test_layers_exr_is_read_as_its_sum(tmp_path: Path, picture: NDArray[np.float
 
 
 def test_a_written_tiff_is_linear_and_leads_back_to_the_colours_of_srgb(
-    tmp_path: Path, picture: NDArray[np.float32]
+    tmp_path: Path, picture: Floats32
 ) -> None:
     to_rec2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
     write_by_strips(TiffFile(tmp_path / "lamp1.tif", size_of(picture), to_rec2020), picture)
@@ -44,7 +44,7 @@ def test_a_written_tiff_is_linear_and_leads_back_to_the_colours_of_srgb(
 
 
 def test_an_8_bit_picture_in_rec2020_is_read_by_its_profile(
-    tmp_path: Path, picture: NDArray[np.float32]
+    tmp_path: Path, picture: Floats32
 ) -> None:
     """The profile of a written TIFF, on 8-bit values, leads back to the colours of sRGB."""
     to_rec2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
@@ -63,7 +63,7 @@ def test_an_8_bit_picture_in_rec2020_is_read_by_its_profile(
     )
 
 
-def test_a_written_jpeg_is_srgb(tmp_path: Path, picture: NDArray[np.float32]) -> None:
+def test_a_written_jpeg_is_srgb(tmp_path: Path, picture: Floats32) -> None:
     write_jpeg(tmp_path / "lamp1.jpg", picture)
 
     frame = decode((tmp_path / "lamp1.jpg").read_bytes())

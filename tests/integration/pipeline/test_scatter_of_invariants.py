@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.invariant import flash_tensor, light_coefficients
 from pipeline.images.frames import Frame
 from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
 
-Array = NDArray[np.float64]
 
-
-def scatter_deg(s: Array, flash: Array, model: Array) -> list[float]:
+def scatter_deg(s: Floats64, flash: Floats64, model: Floats64) -> list[float]:
     """Scatter in degrees of one lamp's invariant: median and 90 % quantile, medians over lamps."""
     rho, of_one = reflectance_spectra(), []
     under_flash = rho @ (s * flash).T

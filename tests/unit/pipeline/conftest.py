@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Exposure, Frame, Image
 from pipeline.images.noise import Noise
 from pipeline.lamps.lamps import Lamps
@@ -21,8 +21,6 @@ from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.ball import make_ball
 from tests.unit.pipeline.separating import Files, tiff
-
-Array = NDArray[np.float64]
 
 HEIGHT, WIDTH, PATCH = 64, 96, 4
 
@@ -56,7 +54,7 @@ def model(camera: Camera) -> Model:
 
 
 @pytest.fixture(scope="session")
-def surfaces(camera: Camera) -> Array:
+def surfaces(camera: Camera) -> Floats64:
     """Camera RGB (m, 3) of measured surfaces under the flash, a white card having green 1."""
     flash = find_light("xenon")
     seen = reflectance_spectra() @ (camera.sensitivities * flash).T
@@ -64,7 +62,7 @@ def surfaces(camera: Camera) -> Array:
 
 
 @pytest.fixture(scope="session")
-def warm_to_cool(camera: Camera) -> Array:
+def warm_to_cool(camera: Camera) -> Floats64:
     """Coefficients (3, 3) of a bulb, of a green lamp and of blue sky, unit vectors."""
     seen = [camera.sensitivities @ find_light(name) for name in ("A", "D150")]
     rows = np.array([seen[0], [0.35, 0.9, 0.3], seen[1]])
@@ -75,7 +73,7 @@ def warm_to_cool(camera: Camera) -> Array:
 def lamps_of(model: Model) -> Callable[..., Lamps]:
     """Build Lamps from coefficients (N, 3), as if they had been found."""
 
-    def build(coefficients: Array, **more: Any) -> Lamps:
+    def build(coefficients: Floats64, **more: Any) -> Lamps:
         vectors = np.atleast_2d(coefficients).astype(np.float64)
         given: dict[str, Any] = {
             "coefficients": vectors,
@@ -129,7 +127,7 @@ def pair_of() -> Callable[..., Pair]:
 
 
 @pytest.fixture(scope="session")
-def flash_part(surfaces: Array) -> Image:
+def flash_part(surfaces: Floats64) -> Image:
     """What the flash adds (64, 96, 3): patches of measured surfaces, brighter in the middle."""
     rng = np.random.default_rng(3)
     rows, columns = HEIGHT // PATCH, WIDTH // PATCH
@@ -141,10 +139,10 @@ def flash_part(surfaces: Array) -> Image:
 
 
 @pytest.fixture(scope="session")
-def shares_of() -> Callable[[int], Array]:
+def shares_of() -> Callable[[int], Floats64]:
     """Light of 1 to 3 lamps relative to the flash, (N, 64, 96): places of one lamp, and mixed."""
 
-    def build(count: int) -> Array:
+    def build(count: int) -> Floats64:
         v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
         if count == 1:
             return np.asarray((0.3 + 0.5 * u)[None])
@@ -161,12 +159,12 @@ def shares_of() -> Callable[[int], Array]:
 def exact(
     model: Model,
     flash_part: Image,
-    shares_of: Callable[[int], Array],
+    shares_of: Callable[[int], Floats64],
     pair_of: Callable[..., Pair],
-) -> Callable[..., tuple[Pair, Array]]:
+) -> Callable[..., tuple[Pair, Floats64]]:
     """Make a pair that the model describes exactly, and its layers (N, 64, 96, 3)."""
 
-    def build(coefficients: Array, **more: Any) -> tuple[Pair, Array]:
+    def build(coefficients: Floats64, **more: Any) -> tuple[Pair, Floats64]:
         matrices = model.lamp_matrix(np.atleast_2d(coefficients))
         z = shares_of(len(matrices))
         lit = np.einsum("nkl,hwl->nhwk", matrices, flash_part.astype(np.float64))
@@ -179,10 +177,10 @@ def exact(
 @pytest.fixture(scope="session")
 def shadowed(
     model: Model, flash_part: Image, pair_of: Callable[..., Pair]
-) -> Callable[[Array], Pair]:
+) -> Callable[[Floats64], Pair]:
     """Make a pair that the model describes exactly, in which 1 to 4 lamps cast hard shadows."""
 
-    def build(coefficients: Array) -> Pair:
+    def build(coefficients: Floats64) -> Pair:
         matrices = model.lamp_matrix(np.atleast_2d(coefficients))
         v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
         falloff = np.array([0.9 - 0.5 * u, 0.4 + 0.5 * u, 0.4 + 0.4 * v, 0.8 - 0.4 * v])
@@ -197,7 +195,7 @@ def shadowed(
 
 
 @pytest.fixture(scope="module")
-def light() -> tuple[Array, Array]:
+def light() -> tuple[Floats64, Floats64]:
     """What lamps and flash give (96, 128, 3): patches, lamps from the left, flash in the middle."""
     rng = np.random.default_rng(7)
     albedo = cv2.GaussianBlur(
@@ -211,7 +209,7 @@ def light() -> tuple[Array, Array]:
 
 @pytest.fixture
 def frames(
-    light: tuple[Array, Array], frame: Callable[..., Frame]
+    light: tuple[Floats64, Floats64], frame: Callable[..., Frame]
 ) -> Callable[..., tuple[Frame, Frame]]:
     """Photographs without and with the flash; scaled, with noise, and with what else is given."""
 
@@ -227,7 +225,9 @@ def frames(
 
 
 @pytest.fixture
-def files(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> Callable[..., Files]:
+def files(
+    exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64
+) -> Callable[..., Files]:
     """The files of a pair with one to three lamps that the model describes exactly."""
 
     def build(count: int = 2, write: Callable[..., bytes] = tiff) -> Files:

@@ -8,21 +8,20 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline.arrays import Floats
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.options import DirectedLight, Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 
-Array = NDArray[np.float64]
 Files = tuple[bytes, bytes]
 CAMERA: dict[str, Any] = {"camera": "Nikon D5100", "exposure_ratio": 1.0, "align": False}
 DIRECTIONS = [DirectedLight(direction=d) for d in ((0.6, 0.2, 1), (-0.5, 0.5, 1), (0.1, -0.7, 1))]
 
 
-def tiff(values: NDArray[np.floating], camera: tuple[str, str] | None = None) -> bytes:
+def tiff(values: Floats, camera: tuple[str, str] | None = None) -> bytes:
     """A float TIFF, read as linear. camera: the make and model that it names."""
     file = io.BytesIO()
     tags = [(271 + i, 2, 0, name, True) for i, name in enumerate(camera or ())]
@@ -39,7 +38,7 @@ def turned(file: bytes, orientation: int) -> bytes:
     return copy.getvalue()
 
 
-def png(values: NDArray[np.floating]) -> bytes:
+def png(values: Floats) -> bytes:
     """An 8-bit PNG, read as sRGB."""
     file = io.BytesIO()
     codes = np.round(255 * linear_to_srgb(np.clip(values.astype(np.float64), 0, 1)))

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline import doubts as doubts_module
+from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published, expected_snr_db, relative_noise
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps.model import Model
@@ -18,22 +18,21 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.separation.possible import off_possible
 
-Array = NDArray[np.float64]
 Build = Callable[..., Any]
 
 
 @pytest.fixture
 def said(
-    exact: Build, lamps_of: Build, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    exact: Build, lamps_of: Build, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., list[RunWarning]]:
     """Doubts of a clean pair of two lamps, but for what is given of pair, lamps or light."""
 
     def find(
-        residual: Array | None = None,
+        residual: Floats64 | None = None,
         reach: FlashReach | None = None,
         hidden: list[int] | None = None,
         clipped: float = 0.0,
-        coefficients: Array | None = None,
+        coefficients: Floats64 | None = None,
         usable: Any = True,
         in_shadows: tuple[float, float] | None = None,
         rendered: bool = False,
@@ -83,7 +82,7 @@ def test_published_layers_are_not_said_to_be_filled_in(
 
 
 def test_published_layers_that_lamps_can_have_made_are_not_warned_of(
-    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Floats64
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
@@ -91,7 +90,7 @@ def test_published_layers_that_lamps_can_have_made_are_not_warned_of(
 
 
 def test_published_layers_that_do_not_add_up_are_told(
-    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Floats64
 ) -> None:
     """The light of a bulb and of blue sky, from a bulb and a green lamp."""
     pair, _ = exact(warm_to_cool[[0, 2]])
@@ -112,7 +111,7 @@ def test_published_layers_that_do_not_add_up_are_told(
 
 
 def test_published_layers_that_are_negative_are_told(
-    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Array
+    exact: Build, lamps_of: Build, model: Model, warm_to_cool: Floats64
 ) -> None:
     """Of a lamp that is red beyond all others: they add up, with light taken away."""
     pair, _ = exact(warm_to_cool[[0, 2]])
@@ -148,7 +147,7 @@ def test_four_lamps_are_told_instead_of_what_they_leave(
     [(1, "Ask for more lamps, or check"), (2, "Ask for more lamps, or check"), (3, "Check")],
 )
 def test_no_more_than_three_lamps_are_to_be_asked_for(
-    said: Callable[..., list[RunWarning]], warm_to_cool: Array, number: int, advice: str
+    said: Callable[..., list[RunWarning]], warm_to_cool: Floats64, number: int, advice: str
 ) -> None:
     (warning,) = said(coefficients=warm_to_cool[:number], hidden=[], left_over=0.09)
 
@@ -166,7 +165,7 @@ def test_what_lamps_leave_everywhere_is_not_called_a_reflection(
 
 
 def test_one_lamp_that_does_not_explain_the_photograph_is_told(
-    said: Callable[..., list[RunWarning]], warm_to_cool: Array
+    said: Callable[..., list[RunWarning]], warm_to_cool: Floats64
 ) -> None:
     (warning,) = said(left_over=0.09, coefficients=warm_to_cool[:1])
 
@@ -235,7 +234,7 @@ def test_lines_along_edges_are_no_reflections(said: Callable[..., list[RunWarnin
 @pytest.mark.parametrize("noise", [0.0, 0.04])
 def test_light_in_a_lamps_shadows_is_a_reflection_where_it_is_more_than_lamps_are_mixed_up(
     said: Callable[..., list[RunWarning]],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     noise: float,
     share: float,
@@ -279,7 +278,7 @@ def test_what_lamps_leave_is_told_before_light_in_shadows(
 
 @pytest.mark.parametrize(("degrees", "warned"), [(5.9, True), (6.1, False)])
 def test_lamps_that_are_alike_come_with_angle_and_expectation(
-    said: Callable[..., list[RunWarning]], warm_to_cool: Array, degrees: float, warned: bool
+    said: Callable[..., list[RunWarning]], warm_to_cool: Floats64, degrees: float, warned: bool
 ) -> None:
     warm, _, cool = warm_to_cool
     aside = cool - (cool @ warm) * warm
@@ -297,7 +296,7 @@ def test_lamps_that_are_alike_come_with_angle_and_expectation(
 
 
 def test_what_is_expected_of_lamps_that_are_alike_falls_with_noise(
-    said: Callable[..., list[RunWarning]], warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    said: Callable[..., list[RunWarning]], warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doubts_module, "relative_noise", lambda _: 0.02)
     near = np.stack([warm_to_cool[0], 0.99 * warm_to_cool[0] + 0.01 * warm_to_cool[2]])
@@ -388,7 +387,7 @@ def test_expected_snr_falls_with_noise_and_likeness() -> None:
     assert expected_snr_db(0.0, 0.0) == expected_snr_db(0.01, 0.0) == 4.0
 
 
-def test_noise_is_that_of_both_lights_in_the_middle(exact: Build, warm_to_cool: Array) -> None:
+def test_noise_is_that_of_both_lights_in_the_middle(exact: Build, warm_to_cool: Floats64) -> None:
     reduced = reduce_pair(exact(warm_to_cool[:1])[0])
     light, part = np.full((4, 5, 3), 0.1, np.float32), np.full((4, 5, 3), 0.2, np.float32)
     noise = np.full((4, 5, 3), 3e-6, np.float32)

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline import estimate as estimate_module
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.images.frames import Frame
@@ -19,17 +19,15 @@ from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 
-Array = NDArray[np.float64]
-
 DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
 
 
 @pytest.fixture
 def estimated(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     frame: Callable[..., Frame],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> Callable[..., Estimate]:
     """Estimate what a pair of two lamps, or so many, tells."""
 
@@ -44,7 +42,7 @@ def estimated(
     return run
 
 
-def lit(colours: Array) -> list[DirectedLight]:
+def lit(colours: Floats64) -> list[DirectedLight]:
     return [
         DirectedLight(direction=direction, rgb=tuple(colour))
         for direction, colour in zip(DIRECTIONS, colours, strict=True)
@@ -52,7 +50,7 @@ def lit(colours: Array) -> list[DirectedLight]:
 
 
 def test_the_lamps_are_found_from_warm_to_cool(
-    estimated: Callable[..., Estimate], warm_to_cool: Array
+    estimated: Callable[..., Estimate], warm_to_cool: Floats64
 ) -> None:
     found = estimated()
 
@@ -79,7 +77,7 @@ def test_another_camera_has_a_matrix_for_each_lamp(
 
 
 def test_an_assumed_focal_length_is_warned_of_after_the_lamps(
-    estimated: Callable[..., Estimate], warm_to_cool: Array
+    estimated: Callable[..., Estimate], warm_to_cool: Floats64
 ) -> None:
     given = {"count": 3, "light_directions": lit(warm_to_cool), "method": "paper"}
 
@@ -93,7 +91,7 @@ def test_an_assumed_focal_length_is_warned_of_after_the_lamps(
 
 
 def test_directions_for_pictures_alone_are_not_looked_at(
-    estimated: Callable[..., Estimate], warm_to_cool: Array
+    estimated: Callable[..., Estimate], warm_to_cool: Floats64
 ) -> None:
     found = estimated("lamps.jpg", count=3, light_directions=lit(warm_to_cool))
 

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import (
     Canceled,
     InputError,
@@ -38,14 +38,12 @@ from tests.unit.pipeline.separating import (
     tiff,
 )
 
-Array = NDArray[np.float64]
-
 
 @pytest.mark.parametrize(("count", "requested"), [(1, "auto"), (2, "auto"), (1, 1), (2, 2), (3, 3)])
 def test_a_pair_becomes_layers_and_a_manifest(
     files: Callable[..., Files],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+    exact: Callable[..., tuple[Any, Floats64]],
+    warm_to_cool: Floats64,
     tmp_path: Path,
     count: int,
     requested: Any,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.calibration.kept import Kept
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.errors import (
@@ -25,8 +25,6 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.tables import write_spectrum
 from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated, tiff, turned
-
-Array = NDArray[np.float64]
 
 
 def test_rendered_files_are_warned_of(files: Callable[..., Files], tmp_path: Path) -> None:
@@ -149,7 +147,7 @@ def test_layers_that_a_file_of_all_outputs_cannot_hold_are_passed_over(
         separated(both, tmp_path / "named", outputs=["layers.psd"])
 
 
-def rec2020(values: NDArray[np.floating]) -> bytes:
+def rec2020(values: Floats) -> bytes:
     """A 16-bit TIFF of a camera that is measured, with a linear profile."""
     file = io.BytesIO()
     tifffile.imwrite(
@@ -267,7 +265,7 @@ def test_what_no_jpeg_holds_is_refused_before_the_work(
 
 
 def test_what_was_filled_in_is_warned_of(
-    exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array, tmp_path: Path
+    exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64, tmp_path: Path
 ) -> None:
     """The flash does not reach the lower half."""
     pair, _ = exact(warm_to_cool[[0, 2]])

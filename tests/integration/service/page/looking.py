@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, Route, expect
 
+from pipeline.arrays import Floats32
 from pipeline.encode.exr import ExrFile
 from pipeline.encode.png import NormalsPng
 from tests.layers import layers_of, planes_of
@@ -88,9 +89,7 @@ def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
     return drawn(page)
 
 
-def open_normals(
-    page: Page, job: dict[str, Any], normals: NDArray[np.float32], folder: Path
-) -> Locator:
+def open_normals(page: Page, job: dict[str, Any], normals: Floats32, folder: Path) -> Locator:
     """The drawn canvas of a job's surface normals (h, W, 3), which had none; folder: for its file.
 
     Unit vectors, NaN where unknown.

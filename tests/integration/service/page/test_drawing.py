@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
+from pipeline.arrays import Floats32
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile
 from pipeline.encode.jpeg import to_srgb8
@@ -37,13 +38,13 @@ def painted(request: pytest.FixtureRequest, page: Page) -> Page:
     return page
 
 
-def layers_of_job(service: Any, job: dict[str, Any]) -> NDArray[np.float32]:
+def layers_of_job(service: Any, job: dict[str, Any]) -> Floats32:
     """Light of both lamps: (lamps, height, width, 3)."""
     return layers_of(planes_of(result(service, job, "layers.exr")), 2)
 
 
 def expected(
-    service: Any, job: dict[str, Any], layers: NDArray[np.float32], *lamps: LampMix
+    service: Any, job: dict[str, Any], layers: Floats32, *lamps: LampMix
 ) -> NDArray[np.int64]:
     """Code values of a mix, by the pipeline."""
     manifest = json.loads(result(service, job, "manifest.json"))

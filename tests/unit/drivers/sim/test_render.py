@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.sim.render import Renderer
 from drivers.sim.scene import Scene
+from pipeline.arrays import Floats32, Floats64
 
 BALL = {"kind": "sphere", "materials": ["a"], "centre": [0, 0, 0], "half": [0.5, 0.5, 0.5]}
 FLOOR = {"kind": "box", "materials": ["b"], "centre": [0, -1, 0], "half": [9, 0.1, 9]}
@@ -44,8 +45,8 @@ GREY = np.ones((2, 2, 1))
 
 
 def rendered(
-    what: Scene, width: int = 96, height: int = 64, colours: NDArray[np.float64] = GREY
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    what: Scene, width: int = 96, height: int = 64, colours: Floats64 = GREY
+) -> tuple[Floats32, Floats32]:
     return Renderer(what, 1, width, height).block(slice(0, height), colours)
 
 
@@ -124,7 +125,7 @@ def test_the_flash_casts_no_shadow_and_falls_off() -> None:
     assert same[floor & ~near_edge(normals)].all()
 
 
-def near_edge(normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+def near_edge(normals: Floats32) -> NDArray[np.bool_]:
     """Mask pixels within two of a change of normals."""
     key = np.nan_to_num(normals, nan=-9).round(3)
     edge = np.zeros(key.shape[:2], bool)

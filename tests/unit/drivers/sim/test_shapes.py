@@ -2,13 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from drivers.sim.scene import Shape
 from drivers.sim.shapes import Solid, Sweep, build
-
-Array = NDArray[np.float64]
 
 
 def shape(kind: str, **options: object) -> Shape:

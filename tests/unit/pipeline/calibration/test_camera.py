@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.patches import Patches
 from pipeline.errors import OptionError, UnusablePairError
@@ -17,13 +17,12 @@ from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker
 
-Array = NDArray[np.float64]
 XENON = find_light("xenon")
 X, Y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-0.6, 0.6, 4))
 PLACES = np.stack([X.ravel(), Y.ravel()], axis=1)
 
 
-def _unlike() -> Array:
+def _unlike() -> Floats64:
     """A camera whose channels are the Nikon's, shifted, tinted and scaled."""
     base = sensitivities("Nikon D5100")
     moved = [
@@ -34,7 +33,7 @@ def _unlike() -> Array:
     return np.asarray(tinted / tinted.max())
 
 
-def _chart(s: Array, flash: Array, reflectances: Array) -> Patches:
+def _chart(s: Floats64, flash: Floats64, reflectances: Floats64) -> Patches:
     lit = reflectances @ (s * flash).T * np.exp(0.2 * PLACES[:, 1:])
     return Patches(lit, np.full(lit.shape, 1e-12), colorchecker_spectra(), PLACES)
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration.flash import FAMILY, estimate_flash
 from pipeline.calibration.patches import Patches
 from pipeline.errors import UnusablePairError
@@ -16,24 +16,23 @@ from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker
 
-Array = NDArray[np.float64]
 S = sensitivities("Nikon D5100")
 X, Y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-0.6, 0.6, 4))
 PLACES = np.stack([X.ravel(), Y.ravel()], axis=1)
 
 
-def _tinted(name: str) -> Array:
+def _tinted(name: str) -> Floats64:
     """A light through a filter that no table has."""
     light = find_light(name) * np.exp(0.25 * np.sin(WAVELENGTHS_NM / 45.0))
     return np.asarray(light / light.sum())
 
 
-def _chart(flash: Array, reflectances: Array, s: Array = S) -> Patches:
+def _chart(flash: Floats64, reflectances: Floats64, s: Floats64 = S) -> Patches:
     lit = reflectances @ (s * flash).T * np.exp(-0.2 * PLACES[:, :1])
     return Patches(lit, np.full(lit.shape, 1e-12), colorchecker_spectra(), PLACES)
 
 
-def _card(flash: Array) -> Patches:
+def _card(flash: Floats64) -> Patches:
     lit = (S @ flash)[None]
     return Patches(lit, np.full(lit.shape, 1e-12), np.ones((1, 81)), np.zeros((1, 2)))
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration import lamps as module
 from pipeline.calibration.lamps import LampsEstimate, estimate_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
@@ -18,14 +18,13 @@ from pipeline.pair.pair import Pair
 from pipeline.vectors import unit
 from tests.targets import CIRCLE, FOCAL_PX, Shot, photograph_sphere
 
-Array = NDArray[np.float64]
 THREE = unit(np.array([(-0.9, 0.3, 0.2), (0.2, 0.7, 0.6), (0.7, -0.5, 0.4)]))
 COLOURS = np.array([(0.3, 0.2, 0.1), (0.25, 0.2, 0.12), (0.2, 0.25, 0.15)])
 FLASH = np.array([0.8, 1.0, 0.6])
 MARKED = Circle(**CIRCLE)
 
 
-def _errors(found: LampsEstimate, directions: Array) -> tuple[Array, tuple[int, ...]]:
+def _errors(found: LampsEstimate, directions: Floats64) -> tuple[Floats64, tuple[int, ...]]:
     """Angles in degrees in the best order, and which lamp found is each."""
     angles = np.degrees(np.arccos(np.clip(directions @ found.directions.T, -1, 1)))
     rows = np.arange(len(directions))

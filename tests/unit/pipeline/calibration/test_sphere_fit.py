@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.calibration import sphere_fit as module
 from pipeline.calibration.light import Lights
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.options import Circle
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 SIZE, CIRCLE, MIDDLE = (200, 160), Circle(x=104, y=77, radius=50), Circle(x=100, y=80, radius=50)
 FAR, NEAR = 1e6, 200.0
@@ -23,8 +21,8 @@ COLOURS = np.array([(0.3, 0.2, 0.1), (0.2, 0.25, 0.15), (0.1, 0.1, 0.3)])
 
 
 def seen(
-    lamps: Array,
-    colours: Array,
+    lamps: Floats64,
+    colours: Floats64,
     focal_px: float = FAR,
     flash_at: tuple[float, float] = (0.0, 0.0),
     albedo: Any = 1.0,
@@ -65,7 +63,7 @@ def seen(
     return SphereLight(x, y, marked or circle, focal_px, SIZE, Lights(lit, by_flash, *variances))
 
 
-def errors(found: SphereFit, lamps: Array) -> tuple[Array, list[int]]:
+def errors(found: SphereFit, lamps: Floats64) -> tuple[Floats64, list[int]]:
     """Angles in degrees in the best order, and that order."""
     degrees = np.degrees(np.arccos(np.clip(lamps @ found.directions.T, -1, 1)))
     rows = np.arange(len(lamps))

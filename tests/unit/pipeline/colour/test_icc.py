@@ -8,9 +8,9 @@ from typing import Any
 import imagecodecs
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import ImageCms
 
+from pipeline.arrays import Floats64
 from pipeline.colour.icc import (
     adobe_rgb_profile,
     linear_rec2020_profile,
@@ -29,7 +29,7 @@ REFERENCE_SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobyte
 EQUAL_XY = (1 / 3, 1 / 3)
 
 
-def colorants(profile: Any) -> NDArray[np.float64]:
+def colorants(profile: Any) -> Floats64:
     """XYZ (3, 3) of red, green and blue, adapted to D50, in rows."""
     found = (profile.red_colorant, profile.green_colorant, profile.blue_colorant)
     return np.array([colorant[0] for colorant in found if colorant is not None])

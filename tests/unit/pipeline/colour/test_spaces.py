@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import (
     ADOBE_RGB_PRIMARIES,
     REC2020_PRIMARIES,
@@ -62,7 +62,7 @@ def test_adaptation_from_d65_to_d50_is_the_published_one() -> None:
     np.testing.assert_allclose(adaptation(d65, d50), expected, atol=1e-6)
 
 
-def of_cones(*cones: float) -> NDArray[np.float64]:
+def of_cones(*cones: float) -> Floats64:
     """CIE XYZ of a light that these cones see of it, by Bradford's matrix as it was published."""
     bradford = [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
     return np.asarray(np.linalg.solve(bradford, cones), np.float64)

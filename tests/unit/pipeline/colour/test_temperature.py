@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats64
 from pipeline.colour.temperature import CCT_RANGE_K, cct_duv, white_of
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light
@@ -12,7 +13,7 @@ from pipeline.spectra.observer import cie_1931
 colour = colour_science()
 
 
-def cct(xyz: ArrayLike, matrix: NDArray[np.float64]) -> float | None:
+def cct(xyz: ArrayLike, matrix: Floats64) -> float | None:
     found = cct_duv(xyz, matrix)
     return None if found is None else found[0]
 

@@ -12,6 +12,7 @@ import pytest
 import rawpy
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.decode import decode, raw
 from pipeline.decode.bayer import Mosaic, bayer_mosaic
 from pipeline.decode.dng_levels import dng_levels
@@ -25,7 +26,7 @@ Dng = Callable[..., bytes]
 Values = NDArray[np.uint16]
 
 
-def scene(height: int, width: int) -> NDArray[np.float64]:
+def scene(height: int, width: int) -> Floats64:
     y, x = np.mgrid[0:height, 0:width]
     waves = [
         0.2 + 0.1 * np.sin(x / 9),
@@ -64,10 +65,10 @@ def dng(tiff_file: Dng) -> Dng:
 
 
 @pytest.fixture
-def libraws(monkeypatch: pytest.MonkeyPatch) -> Callable[[bytes], NDArray[np.float32]]:
+def libraws(monkeypatch: pytest.MonkeyPatch) -> Callable[[bytes], Floats32]:
     """Decode with LibRaw's demosaicing whatever the sensor."""
 
-    def read(data: bytes) -> NDArray[np.float32]:
+    def read(data: bytes) -> Floats32:
         with monkeypatch.context() as patch:
             patch.setattr(raw, "bayer_mosaic", lambda *_those: None)
             return decode(data).pixels[:]
@@ -89,7 +90,7 @@ def found() -> Iterator[Callable[[bytes], Mosaic | None]]:
         file.close()
 
 
-def assert_alike(ours: NDArray[np.float32], theirs: NDArray[np.float32]) -> None:
+def assert_alike(ours: Floats32, theirs: Floats32) -> None:
     """On one scale, in the same place; LibRaw rounds to 16 bits, and both interpolate."""
     assert ours.shape == theirs.shape
     inner = (slice(6, -6), slice(6, -6))

@@ -3,11 +3,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.decode.compression_noise import compression_noise
 
-Image = NDArray[np.float32]
+Image = Floats32
 ALL = (1.0, 1.0, 1.0)
 """Of what the first compression changed, the second one changes as much."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode import demosaic as demosaicing
 from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.samples import upright
@@ -18,14 +19,12 @@ PHASES = [[[0, 1], [1, 2]], [[1, 0], [2, 1]], [[1, 2], [0, 1]], [[2, 1], [1, 0]]
 Colours = NDArray[np.int64]
 
 
-def demosaic(
-    mosaic: NDArray[np.uint16], colours: Colours, black: NDArray[np.float64], white: float
-) -> Image:
+def demosaic(mosaic: NDArray[np.uint16], colours: Colours, black: Floats64, white: float) -> Image:
     """The light that comes out."""
     return demosaicing.demosaic(mosaic, colours, black, white)[:]
 
 
-def measured(scene: NDArray[np.float64], colours: Colours) -> NDArray[np.uint16]:
+def measured(scene: Floats64, colours: Colours) -> NDArray[np.uint16]:
     """What photosites of these colours give for a scene (H, W, 3), white at 1."""
     places = np.ix_(*(np.arange(size) % 2 for size in scene.shape[:2]))
     channel = colours[places]
@@ -33,12 +32,12 @@ def measured(scene: NDArray[np.float64], colours: Colours) -> NDArray[np.uint16]
     return np.asarray(np.rint(BLACK[places] + light * WHITE), np.uint16)
 
 
-def light_of(mosaic: NDArray[np.uint16]) -> NDArray[np.float64]:
+def light_of(mosaic: NDArray[np.uint16]) -> Floats64:
     places = np.ix_(*(np.arange(size) % 2 for size in mosaic.shape))
     return np.asarray((mosaic - BLACK[places]) / WHITE)
 
 
-def textured(height: int, width: int, seed: int = 0) -> NDArray[np.float64]:
+def textured(height: int, width: int, seed: int = 0) -> Floats64:
     """Spots of any brightness, some black, some white, in channels of different balance."""
     random = np.random.default_rng(seed)
     coarse = random.uniform(-0.05, 1.4, (height // 3 + 1, width // 3 + 1, 1))

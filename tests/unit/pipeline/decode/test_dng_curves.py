@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode
 from tests.jpeg_xl import in_jpeg_xl
 from tests.refusal import refusal
@@ -43,13 +44,13 @@ def listed(*opcodes: bytes, tag: int = LIST_2) -> tuple[Any, ...]:
     return (tag, 7, len(block), block)
 
 
-def light() -> NDArray[np.float64]:
+def light() -> Floats64:
     """Each colour within what its line reaches."""
     x = np.linspace(0.02, 0.98, 96)[None, :, None] * np.linspace(1, 0.6, 64)[:, None, None]
     return np.stack([line[0] + line[1] * x[..., 0] for line in LINES], axis=-1)
 
 
-def stretched(light: NDArray[np.float64]) -> NDArray[np.float64]:
+def stretched(light: Floats64) -> Floats64:
     return np.stack([(light[..., c] - a) / b for c, (a, b) in enumerate(LINES)], axis=-1)
 
 
@@ -59,7 +60,7 @@ def linear(dng: Write) -> Write:
     return partial(dng, tile=(32, 32))
 
 
-def codes(shares: NDArray[np.float64], black: Any = 0, white: int = 65535) -> NDArray[np.uint16]:
+def codes(shares: Floats64, black: Any = 0, white: int = 65535) -> NDArray[np.uint16]:
     return np.asarray(np.rint(black + shares * (white - black)), dtype=np.uint16)
 
 

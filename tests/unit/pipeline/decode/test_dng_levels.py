@@ -12,6 +12,7 @@ import rawpy
 import tifffile
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.decode import decode
 from pipeline.decode.dng_levels import Levels, dng_levels
 from pipeline.decode.dng_linear import scaled
@@ -28,7 +29,7 @@ RGGB = np.array([[0, 1], [1, 2]])
 X_TRANS = tuple(map(int, "110112112110201021112110110112021201"))
 
 
-def light() -> NDArray[np.float64]:
+def light() -> Floats64:
     """Each colour from black to white, which some reach."""
     x = np.linspace(0, 1.2, WIDTH)[None, :, None]
     y = np.linspace(1, 0.6, HEIGHT)[:, None, None]
@@ -137,7 +138,7 @@ def flat(black: Any, white: float = 60000, shape: tuple[int, int] = (HEIGHT, WID
     return np.floor(exact + noise).astype(np.uint16)
 
 
-def assert_flat(pixels: NDArray[np.float32], atol: float) -> None:
+def assert_flat(pixels: Floats32, atol: float) -> None:
     np.testing.assert_allclose(pixels[INNER].mean((0, 1)), COLOURS, atol=atol)
 
 

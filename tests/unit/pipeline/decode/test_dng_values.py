@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode
 from tests.refusal import refusal
 
@@ -35,7 +36,7 @@ def listed(*opcodes: bytes, tag: int = LIST_2) -> tuple[Any, ...]:
     return (tag, 7, len(block), block)
 
 
-def ramp() -> NDArray[np.float64]:
+def ramp() -> Floats64:
     x = np.linspace(0.02, 0.9, 96)[None, :, None]
     y = np.linspace(1.0, 0.6, 64)[:, None, None]
     return np.asarray(x * y * np.array([0.55, 1.0, 0.8]))

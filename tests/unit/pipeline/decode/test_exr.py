@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.decode import decode
 from pipeline.errors import PairMismatchError, UnreadableImageError
 from pipeline.images.frames import Exposure
@@ -29,7 +29,7 @@ AP0_TO_SRGB = np.array(
 
 @pytest.fixture
 def exr_file(tmp_path: Path) -> Callable[..., bytes]:
-    def write(values: NDArray[np.float32], **header: Any) -> bytes:
+    def write(values: Floats32, **header: Any) -> bytes:
         path = tmp_path / "picture.exr"
         usual = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         channels = {name: values[..., i].copy() for i, name in enumerate("RGB")}
@@ -40,7 +40,7 @@ def exr_file(tmp_path: Path) -> Callable[..., bytes]:
 
 
 @pytest.fixture
-def light() -> NDArray[np.float32]:
+def light() -> Floats32:
     return np.random.default_rng(2).uniform(-0.1, 3.0, (12, 16, 3)).astype(np.float32)
 
 
@@ -51,9 +51,9 @@ def light() -> NDArray[np.float32]:
 )
 def test_chromaticities_become_those_of_srgb(
     exr_file: Callable[..., bytes],
-    light: NDArray[np.float32],
+    light: Floats32,
     chromaticities: tuple[float, ...],
-    to_srgb: NDArray[np.float64],
+    to_srgb: Floats64,
 ) -> None:
     frame = decode(exr_file(light, chromaticities=chromaticities))
 
@@ -75,7 +75,7 @@ def test_chromaticities_become_those_of_srgb(
 )
 def test_values_stay_as_they_are_where_nothing_is_said_or_all_is_told(
     exr_file: Callable[..., bytes],
-    light: NDArray[np.float32],
+    light: Floats32,
     header: dict[str, Any],
     encoding: str,
 ) -> None:
@@ -85,7 +85,7 @@ def test_values_stay_as_they_are_where_nothing_is_said_or_all_is_told(
     assert (frame.encoding, frame.profiled) == ("linear", False)
 
 
-def test_the_exposure_is_read(exr_file: Callable[..., bytes], light: NDArray[np.float32]) -> None:
+def test_the_exposure_is_read(exr_file: Callable[..., bytes], light: Floats32) -> None:
     data = exr_file(light, expTime=0.0125, isoSpeed=200.0, aperture=4.0)
 
     exposure = decode(data).exposure
@@ -97,7 +97,7 @@ def test_the_exposure_is_read(exr_file: Callable[..., bytes], light: NDArray[np.
 
 @pytest.mark.parametrize("opaque", [True, False])
 def test_colours_that_a_transparency_has_darkened_are_refused(
-    tmp_path: Path, light: NDArray[np.float32], opaque: bool
+    tmp_path: Path, light: Floats32, opaque: bool
 ) -> None:
     """OpenEXR multiplies colours by alpha; opaque ones are those of the light."""
     alpha = np.ones(light.shape[:2], np.float16)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageOps
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode, read_header
 from pipeline.decode.samples import upright
 from tests.png_bombs import png_of
@@ -29,7 +30,7 @@ Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
 
 
-def linear(codes: NDArray[Any]) -> NDArray[np.float64]:
+def linear(codes: NDArray[Any]) -> Floats64:
     value = codes / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 

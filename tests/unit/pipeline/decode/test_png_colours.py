@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.icc import linear_rec2020_profile, srgb_profile
 from pipeline.decode import decode, read_header
 from pipeline.decode.png_colours import png_profile
@@ -56,7 +57,7 @@ SRGB_XY = chrm(0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
 P3_XY = chrm(0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
 
 
-def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+def linear(codes: NDArray[np.uint8]) -> Floats64:
     value = codes / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.icc import (
     adobe_rgb_profile,
     linear_rec2020_profile,
@@ -45,7 +46,7 @@ def p3() -> bytes:
     return matrix_profile("P3", P3, "srgb")
 
 
-def linear(codes: NDArray[Any]) -> NDArray[np.float64]:
+def linear(codes: NDArray[Any]) -> Floats64:
     value = codes / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -232,7 +233,7 @@ def sixteen_bits(values: NDArray[np.uint16], kind: str, profile: bytes) -> bytes
     ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
 )
 def test_16_bits_follow_a_profile_that_is_not_linear(
-    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: NDArray[np.float64]
+    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: Floats64
 ) -> None:
     """As programs that develop RAW files export them."""
     profile = matrix_profile("exported", primaries, "srgb")
@@ -268,7 +269,7 @@ def test_16_bits_stay_as_they_are_where_told(
     ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
 )
 def test_16_bits_of_a_linear_profile_become_linear_srgb(
-    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: NDArray[np.float64]
+    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: Floats64
 ) -> None:
     """As programs that develop RAW files write them for further work."""
     profile = matrix_profile("linear", primaries, "linear")
@@ -293,7 +294,7 @@ def test_floats_of_a_linear_profile_become_linear_srgb(
     codes: NDArray[np.uint8],
     kind: type[np.floating[Any]],
     primaries: Primaries,
-    to_srgb: NDArray[np.float64],
+    to_srgb: Floats64,
 ) -> None:
     """Also those above white and below black."""
     values = (codes / 255 * 3 - 0.1).astype(kind)
@@ -309,7 +310,7 @@ def test_floats_of_a_linear_profile_become_linear_srgb(
     ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
 )
 def test_floats_follow_a_profile_that_is_not_linear(
-    codes: NDArray[np.uint8], primaries: Primaries, to_srgb: NDArray[np.float64]
+    codes: NDArray[np.uint8], primaries: Primaries, to_srgb: Floats64
 ) -> None:
     profile = matrix_profile("exported", primaries, "srgb")
 
@@ -487,7 +488,7 @@ def test_tables_give_what_the_colour_management_gives(profile: bytes, kind: type
 def test_profiles_that_are_no_curves_and_matrix_go_through_the_colour_management(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def by_hand(codes: NDArray[np.uint8], _: bytes) -> NDArray[np.float32]:
+    def by_hand(codes: NDArray[np.uint8], _: bytes) -> Floats32:
         """What only a table of three dimensions could say."""
         light = codes.astype(np.float32) / 255 * share
         return np.asarray(light * light[..., ::-1])

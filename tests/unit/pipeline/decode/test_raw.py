@@ -13,6 +13,7 @@ import rawpy
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline.arrays import Floats64
 from pipeline.decode import decode, read_header
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.raw import preview_metadata
@@ -23,7 +24,7 @@ from pipeline.spectra.cameras import find_camera
 BLACK, WHITE = 600, 15892
 
 
-def mosaic(rgb: NDArray[np.float64]) -> NDArray[np.uint16]:
+def mosaic(rgb: Floats64) -> NDArray[np.uint16]:
     """Sample (H, W, 3), 1.0 = white, through an RGGB filter to the numbers of the sensor."""
     raw = np.empty(rgb.shape[:2])
     raw[0::2, 0::2] = rgb[0::2, 0::2, 0]
@@ -33,7 +34,7 @@ def mosaic(rgb: NDArray[np.float64]) -> NDArray[np.uint16]:
     return np.rint(BLACK + raw * (WHITE - BLACK)).astype(np.uint16)
 
 
-def ramp(height: int = 64, width: int = 96) -> NDArray[np.float64]:
+def ramp(height: int = 64, width: int = 96) -> Floats64:
     x = np.linspace(0.02, 0.5, width)[None, :, None]
     y = np.linspace(1.0, 0.6, height)[:, None, None]
     return np.asarray(x * y * np.array([0.55, 1.0, 0.8]))

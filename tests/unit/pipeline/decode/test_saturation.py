@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.decode.saturation import saturation
 
 _BLACK, _WHITE = 512.0, 15_871.0
 _TOLD = 16_225.0  # 512 + .99 of 15,871, to whole values
 
 
-def _photosites(light: NDArray[np.float64], end: float, full_well: float) -> NDArray[np.uint16]:
+def _photosites(light: Floats64, end: float, full_well: float) -> NDArray[np.uint16]:
     """Values of a sensor of so many electrons at white, which ends at that value."""
     noise = np.random.default_rng(0).normal(size=light.shape)
     values = _BLACK + _WHITE * (light + noise * np.sqrt(np.maximum(light, 0) / full_well))
     return np.clip(np.rint(values), 0, end).astype(np.uint16)
 
 
-def _room(brightest: float) -> NDArray[np.float64]:
+def _room(brightest: float) -> Floats64:
     """Light that falls from a window, which is so bright, into a room."""
     x, y = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0, 1, 200))
     room = 0.5 * np.exp(-2 * (x + y))

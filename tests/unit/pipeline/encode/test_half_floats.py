@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.encode.half_floats import write_half
 
 
-def halved(light: NDArray[np.float32]) -> NDArray[np.float16]:
+def halved(light: Floats32) -> NDArray[np.float16]:
     half = np.full(light.shape, np.nan, np.float16)
     write_half(light, half)
     return half

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.encode.mesh import Mesh, make_mesh
 
 FOCAL = 100.0
@@ -18,7 +18,7 @@ def plane(height: int, width: int, depth: float = 2.0) -> tuple[Any, Any]:
     return np.full((height, width), depth, np.float32), normals
 
 
-def crossed(mesh: Mesh) -> NDArray[np.float64]:
+def crossed(mesh: Mesh) -> Floats64:
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, XYZ_TO_REC2020, XYZ_TO_SRGB, rgb_to_xyz
 from pipeline.encode.exr import ExrFile, write_exr
@@ -30,11 +31,11 @@ from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.errors import OptionError
 from tests.strips import size_of, write_by_strips
 
-Picture = NDArray[np.float32]
+Picture = Floats32
 SRGB_TO_REC2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
 
 
-def codes_of(light: NDArray[np.floating]) -> NDArray[np.float64]:
+def codes_of(light: Floats) -> Floats64:
     """sRGB code values, 0 to 255, of linear light (IEC 61966-2-1)."""
     curve = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
     return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, curve))
@@ -172,7 +173,7 @@ def test_less_and_less_luminance_makes_no_step() -> None:
     assert codes[:, 2].min() > 100
 
 
-def srgb8_by_numpy(linear: Picture, matrix: NDArray[np.float64]) -> NDArray[np.uint8]:
+def srgb8_by_numpy(linear: Picture, matrix: Floats64) -> NDArray[np.uint8]:
     """What to_srgb8 means, pixel by pixel at once; it works one by one, compiled."""
     rgb = linear @ matrix.T.astype(np.float32)
     weights = rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32)

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.invariant import flash_tensor, light_coefficients
 from pipeline.lamps.model import Model
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture(scope="module")
-def tensor() -> Array:
+def tensor() -> Floats64:
     """Any model E[k, i, j] that is well away from singular."""
     rng = np.random.default_rng(11)
     return np.asarray(rng.uniform(0.05, 0.4, (3, 3, 3)) + np.eye(3)[:, :, None])
@@ -20,7 +18,7 @@ def tensor() -> Array:
 FLASH = np.array([0.6, 1.0, 0.8])
 
 
-def test_beta_is_recovered_exactly_in_the_model(tensor: Array) -> None:
+def test_beta_is_recovered_exactly_in_the_model(tensor: Floats64) -> None:
     rng = np.random.default_rng(5)
     alpha, beta = rng.uniform(0.1, 1, (200, 3)), rng.uniform(0, 2, (200, 3))
     no_flash = np.einsum("kij,pi,pj->pk", tensor, alpha, beta)
@@ -31,7 +29,7 @@ def test_beta_is_recovered_exactly_in_the_model(tensor: Array) -> None:
     np.testing.assert_allclose(found, beta, rtol=1e-6, atol=1e-8)
 
 
-def test_beta_does_not_depend_on_the_surface(tensor: Array) -> None:
+def test_beta_does_not_depend_on_the_surface(tensor: Floats64) -> None:
     rng = np.random.default_rng(6)
     alpha, beta = rng.uniform(0.1, 1, (100, 3)), np.array([0.9, 0.3, 0.5])
     no_flash = np.einsum("kij,pi,j->pk", tensor, alpha, beta)
@@ -42,13 +40,13 @@ def test_beta_does_not_depend_on_the_surface(tensor: Array) -> None:
     np.testing.assert_allclose(found, np.tile(beta, (100, 1)), rtol=1e-7)
 
 
-def test_the_flash_itself_is_one(tensor: Array) -> None:
+def test_the_flash_itself_is_one(tensor: Floats64) -> None:
     d = flash_tensor(tensor, FLASH)
 
     np.testing.assert_allclose(np.einsum("klj,j->kl", d, FLASH), np.eye(3), atol=1e-12)
 
 
-def test_a_lamp_as_bright_again_doubles_beta(model: Model, surfaces: Array) -> None:
+def test_a_lamp_as_bright_again_doubles_beta(model: Model, surfaces: Floats64) -> None:
     lit = surfaces @ model.lamp_matrix(np.array([0.7, 0.6, 0.3])).T
 
     once = light_coefficients(lit, surfaces, model.tensor)
@@ -59,7 +57,7 @@ def test_a_lamp_as_bright_again_doubles_beta(model: Model, surfaces: Array) -> N
 
 
 def test_beta_does_not_depend_on_the_brightness_of_the_surface(
-    model: Model, surfaces: Array
+    model: Model, surfaces: Floats64
 ) -> None:
     lit = surfaces @ model.lamp_matrix(np.array([0.2, 0.6, 0.7])).T
 
@@ -68,7 +66,7 @@ def test_beta_does_not_depend_on_the_brightness_of_the_surface(
     np.testing.assert_allclose(found, light_coefficients(lit, surfaces, model.tensor), rtol=1e-9)
 
 
-def test_another_camera_sees_the_same_light_through_its_own_tensor(tensor: Array) -> None:
+def test_another_camera_sees_the_same_light_through_its_own_tensor(tensor: Floats64) -> None:
     rng = np.random.default_rng(8)
     other = rng.uniform(0, 1, (3, 3, 3))
     alpha, beta = rng.uniform(0.1, 1, (50, 3)), np.array([0.3, 0.5, 0.9])
@@ -80,7 +78,7 @@ def test_another_camera_sees_the_same_light_through_its_own_tensor(tensor: Array
     np.testing.assert_allclose(seen, np.einsum("kij,pi,j->pk", other, alpha, beta), rtol=1e-9)
 
 
-def test_a_flash_of_no_light_has_no_tensor(tensor: Array) -> None:
+def test_a_flash_of_no_light_has_no_tensor(tensor: Floats64) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         flash_tensor(tensor, np.zeros(3))
 

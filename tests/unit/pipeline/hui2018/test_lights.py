@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair, published_lights
 from pipeline.lamps.model import Model
@@ -15,10 +15,8 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 from tests.unit.pipeline.hui2018.known_lights import LIGHTS, worst_angle
 
-Array = NDArray[np.float64]
 
-
-def mixtures(lights: Array, count: int = 4000) -> Array:
+def mixtures(lights: Floats64, count: int = 4000) -> Floats64:
     """Unit mixtures, a tenth of them of each light alone."""
     rng = np.random.default_rng(4)
     z = rng.dirichlet(np.ones(len(lights)), count)
@@ -79,7 +77,7 @@ def test_missing_invariants_have_no_say() -> None:
     ],
     ids=["none", "two", "three apart", "NaN", "zero"],
 )
-def test_too_few_invariants_are_refused_with_a_sentence(gammas: Array, count: int) -> None:
+def test_too_few_invariants_are_refused_with_a_sentence(gammas: Floats64, count: int) -> None:
     with pytest.raises(UnusablePairError, match="hardly any pixel agrees with that of another"):
         published_lights(gammas, count)
 
@@ -103,8 +101,8 @@ def test_other_numbers_are_refused(count: int) -> None:
 @pytest.mark.parametrize("which", [[0], [0, 2], [0, 1, 2]])
 def test_lights_of_a_pair_are_found_in_the_coordinates_of_the_model(
     model: Model,
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+    exact: Callable[..., tuple[Any, Floats64]],
+    warm_to_cool: Floats64,
     which: list[int],
 ) -> None:
     pair, _ = exact(warm_to_cool[which])
@@ -115,7 +113,7 @@ def test_lights_of_a_pair_are_found_in_the_coordinates_of_the_model(
 
 
 def test_the_published_coordinates_decide_about_the_triangle(
-    model: Model, warm_to_cool: Array, surfaces: Array, pair_of: Callable[..., Any]
+    model: Model, warm_to_cool: Floats64, surfaces: Floats64, pair_of: Callable[..., Any]
 ) -> None:
     """Without pure pixels the smallest triangle is another in other coordinates."""
     rows = np.random.default_rng(7).integers(0, len(surfaces), (60, 90))
@@ -131,7 +129,7 @@ def test_the_published_coordinates_decide_about_the_triangle(
 
 
 def test_invariants_of_a_pair_are_those_of_its_usable_pixels(
-    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+    model: Model, exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64
 ) -> None:
     pair, _ = exact(warm_to_cool[:1])
     pair.unusable[:4] = True

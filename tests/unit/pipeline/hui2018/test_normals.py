@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.images.frames import Image
@@ -19,32 +19,30 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.separation.separation import Strip
 from tests.angles import angles
 
-Array = NDArray[np.float64]
-
 HEIGHT, WIDTH, FOCAL_PX = 80, 100, 140.0
 DIRECTIONS = np.array([[0.6, 0.2, 1.0], [-0.5, 0.5, 1.0], [0.1, -0.7, 1.1]])
 STRENGTHS = (1.0, 0.6, 0.8)
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: Floats64) -> Floats64:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def view(focal_px: float = FOCAL_PX) -> Array:
+def view(focal_px: float = FOCAL_PX) -> Floats64:
     """Unit vectors (h, w, 3) from the surface to the camera."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = x - (WIDTH - 1) / 2, (HEIGHT - 1) / 2 - y
     return unit(np.stack([-right, -up, np.full(x.shape, focal_px)], axis=-1))
 
 
-def ball() -> Array:
+def ball() -> Floats64:
     """Unit normals (h, w, 3) of a ball that fills the picture, none tilted beyond 35°."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = (x - WIDTH / 2) / 110, (HEIGHT / 2 - y) / 110
     return np.stack([right, up, np.sqrt(1 - right**2 - up**2)], axis=-1)
 
 
-def saddle() -> Array:
+def saddle() -> Floats64:
     """Unit normals (h, w, 3) of z = x·y / 400, gently twisted and nowhere steep."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = (x - WIDTH / 2) / 400, (HEIGHT / 2 - y) / 400
@@ -54,7 +52,7 @@ def saddle() -> Array:
 def lights(
     order: Sequence[int] = (0, 1, 2),
     strengths: Sequence[float | None] = STRENGTHS,
-    rgb: Array | None = None,
+    rgb: Floats64 | None = None,
     scale: float = 1.0,
 ) -> list[DirectedLight]:
     """The three lamps as a user describes them, in some order."""
@@ -68,19 +66,19 @@ def lights(
     ]
 
 
-def relative(strengths: Array) -> Array:
+def relative(strengths: Floats64) -> Floats64:
     """Strengths, the largest 1: only their ratios mean anything."""
     return np.asarray(strengths / strengths.max())
 
 
 @pytest.fixture
 def shone(
-    model: Model, surfaces: Array, warm_to_cool: Array, pair_of: Callable[..., Any]
+    model: Model, surfaces: Floats64, warm_to_cool: Floats64, pair_of: Callable[..., Any]
 ) -> Callable[..., tuple[Any, Strip]]:
     """A body of many materials that the model describes exactly, under three distant lamps."""
 
     def build(
-        facing: Array | None = None,
+        facing: Floats64 | None = None,
         materials: int = 12,
         focal_px: float = FOCAL_PX,
         glossy: float = 0.0,
@@ -106,7 +104,7 @@ def shone(
 
 
 @pytest.fixture
-def lamps(lamps_of: Callable[..., Lamps], warm_to_cool: Array) -> Lamps:
+def lamps(lamps_of: Callable[..., Lamps], warm_to_cool: Floats64) -> Lamps:
     """The three lamps, as if truly found."""
     return lamps_of(warm_to_cool)
 
@@ -116,10 +114,10 @@ def found_normals(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps: Lamps,
-) -> Callable[[list[DirectedLight]], tuple[Image, Array]]:
+) -> Callable[[list[DirectedLight]], tuple[Image, Floats64]]:
     """Normals of the ball, and the strengths used."""
 
-    def run(given: list[DirectedLight]) -> tuple[Image, Array]:
+    def run(given: list[DirectedLight]) -> tuple[Image, Floats64]:
         pair, strip = shone()
         photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
         return normals(strip, lamps, photometry), photometry.strengths
@@ -129,7 +127,9 @@ def found_normals(
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_known_lights_give_the_normals(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array, order: tuple[int, ...]
+    found_normals: Callable[..., tuple[Image, Floats64]],
+    warm_to_cool: Floats64,
+    order: tuple[int, ...],
 ) -> None:
     found, strengths = found_normals(lights(order, rgb=warm_to_cool))
 
@@ -143,7 +143,7 @@ def test_known_lights_give_the_normals(
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_lights_without_colour_are_assigned_to_the_lamps(
-    found_normals: Callable[..., tuple[Image, Array]], order: tuple[int, ...]
+    found_normals: Callable[..., tuple[Image, Floats64]], order: tuple[int, ...]
 ) -> None:
     """The lamps are in the order of their colours, the lights in any; only one way fits."""
     found, _ = found_normals(lights(order))
@@ -171,8 +171,8 @@ def test_lights_are_assigned_so_that_the_normals_are_those_of_a_surface(
 @pytest.mark.parametrize("missing", [(0,), (1, 2), (0, 1, 2)])
 @pytest.mark.parametrize("named", [True, False], ids=["named", "not named"])
 def test_missing_strengths_are_found(
-    found_normals: Callable[..., tuple[Image, Array]],
-    warm_to_cool: Array,
+    found_normals: Callable[..., tuple[Image, Floats64]],
+    warm_to_cool: Floats64,
     missing: tuple[int, ...],
     named: bool,
 ) -> None:
@@ -185,7 +185,7 @@ def test_missing_strengths_are_found(
 
 
 def test_strengths_a_little_wrong_are_mended_by_the_flash(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64
 ) -> None:
     given = np.array(STRENGTHS) * (1.06, 0.95, 1.0)
 
@@ -200,7 +200,7 @@ def test_strengths_are_found_from_the_sound_pixels(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps: Lamps,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     spoilt: str,
 ) -> None:
     pair, strip = shone()
@@ -223,7 +223,7 @@ def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps: Lamps,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     reduced = replace(reduce_pair(shone()[0]), block=3)
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
@@ -234,7 +234,7 @@ def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
 
 
 def test_the_cameras_axis_goes_through_the_middle_of_what_was_dropped_too(
-    shone: Callable[..., tuple[Any, Strip]], model: Model, lamps: Lamps, warm_to_cool: Array
+    shone: Callable[..., tuple[Any, Strip]], model: Model, lamps: Lamps, warm_to_cool: Floats64
 ) -> None:
     """Of a picture that is a quarter wider than whole blocks."""
     reduced = reduce_pair(shone()[0])
@@ -257,7 +257,7 @@ def test_on_a_flat_surface_the_strengths_given_hold(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps: Lamps,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """Surfaces that are all parallel say nothing of strengths."""
     wall = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (HEIGHT, WIDTH, 3))
@@ -272,7 +272,7 @@ def test_on_a_flat_surface_the_strengths_given_hold(
 
 
 def test_lengths_of_directions_do_not_matter(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64
 ) -> None:
     once, _ = found_normals(lights(rgb=warm_to_cool))
     long, _ = found_normals(lights(rgb=70 * warm_to_cool, scale=250.0))
@@ -281,7 +281,7 @@ def test_lengths_of_directions_do_not_matter(
 
 
 def test_only_the_ratios_of_strengths_matter(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64
 ) -> None:
     once, _ = found_normals(lights(rgb=warm_to_cool))
     bright, _ = found_normals(lights(strengths=(50.0, 30.0, 40.0), rgb=warm_to_cool))
@@ -290,7 +290,7 @@ def test_only_the_ratios_of_strengths_matter(
 
 
 def test_colours_a_little_wrong_still_name_the_lamps_found(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64
 ) -> None:
     found, _ = found_normals(lights(rgb=warm_to_cool * (1.3, 1.0, 0.8)))
 
@@ -298,7 +298,7 @@ def test_colours_a_little_wrong_still_name_the_lamps_found(
 
 
 def test_colours_that_do_not_fit_give_other_normals(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64
 ) -> None:
     """What the user says about colours is believed."""
     found, _ = found_normals(lights(rgb=warm_to_cool[[1, 2, 0]]))
@@ -308,7 +308,7 @@ def test_colours_that_do_not_fit_give_other_normals(
 
 @pytest.mark.parametrize("named", range(3))
 def test_the_colour_of_one_light_says_which_lamp_it_is(
-    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array, named: int
+    found_normals: Callable[..., tuple[Image, Floats64]], warm_to_cool: Floats64, named: int
 ) -> None:
     given = lights()
     errors = []
@@ -345,7 +345,7 @@ def test_unknown_normals_are_nan(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps: Lamps,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """Where a lamp does not shine, and where nothing is known of the flash part."""
     pair, strip = shone()
@@ -383,7 +383,7 @@ def test_fewer_than_three_lamps_are_refused_unless_all_colours_are_given(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     partly: bool,
 ) -> None:

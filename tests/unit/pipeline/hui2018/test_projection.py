@@ -2,17 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.projection import from_plane, rotate_to_pole, to_plane
 from pipeline.vectors import unit
 from tests.unit.pipeline.hui2018.known_lights import COOL, WARM
 
-Array = NDArray[np.float64]
-
 
 @pytest.mark.parametrize("center", [WARM, [0.0, 1, 0], [0, 0, 2], [0.0, -3, 0.1], [-1.0, 0, 0]])
-def test_the_center_goes_to_the_pole_by_a_rotation(center: Array) -> None:
+def test_the_center_goes_to_the_pole_by_a_rotation(center: Floats64) -> None:
     rotation = rotate_to_pole(np.asarray(center))
 
     np.testing.assert_allclose(rotation @ unit(np.asarray(center)), [0, 0, 1], atol=1e-12)
@@ -21,7 +19,7 @@ def test_the_center_goes_to_the_pole_by_a_rotation(center: Array) -> None:
 
 
 @pytest.mark.parametrize("center", [WARM, COOL, np.array([0.0, 1.0, 0.0]), np.array([0, 0.0, 2])])
-def test_from_plane_inverts_to_plane(center: Array) -> None:
+def test_from_plane_inverts_to_plane(center: Floats64) -> None:
     rng = np.random.default_rng(4)
     gammas = unit(unit(center) + rng.normal(0, 0.2, (100, 3)))
 

@@ -2,22 +2,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.pruning import prune
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 POLE = np.array([0.0, 0.0, 1.0])
 
 
-def at(x: float, y: float) -> Array:
+def at(x: float, y: float) -> Floats64:
     """Unit vector with these components beside the pole."""
     return np.array([x, y, np.sqrt(1 - x * x - y * y)])
 
 
-def balanced(*groups: tuple[float, float, int]) -> Array:
+def balanced(*groups: tuple[float, float, int]) -> Floats64:
     """So many vectors at (x, y) and as many at (−x, −y), so that their mean is at the pole."""
     return np.concatenate(
         [np.repeat([at(sign * x, sign * y)], n, axis=0) for x, y, n in groups for sign in (1, -1)]
@@ -70,7 +68,7 @@ def test_the_order_is_kept_and_the_direction_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize("behind", [-POLE, unit(np.array([0.3, 0.2, -1.0]))])
-def test_invariants_behind_the_pole_go_even_where_there_are_many(behind: Array) -> None:
+def test_invariants_behind_the_pole_go_even_where_there_are_many(behind: Floats64) -> None:
     gammas = np.concatenate([np.repeat([POLE], 900, axis=0), np.repeat([behind], 100, axis=0)])
 
     np.testing.assert_array_equal(prune(gammas), gammas[:900])

@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.separation import published_layers
 from pipeline.images.frames import Image
 from pipeline.lamps.model import Model
-
-Array = NDArray[np.float64]
 
 
 def of_pair(pair: Any) -> tuple[Image, Image]:
@@ -22,8 +20,8 @@ def of_pair(pair: Any) -> tuple[Image, Image]:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_layers_are_exact_in_the_model(
     model: Model,
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+    exact: Callable[..., tuple[Any, Floats64]],
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     pair, layers = exact(warm_to_cool[:count])
@@ -35,7 +33,7 @@ def test_layers_are_exact_in_the_model(
 
 
 def test_layers_are_equation_3(
-    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+    model: Model, exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64
 ) -> None:
     """‖β‖ z_j Σ_l b_jl D_l I_f, written out for one pixel with shares found by hand."""
     _, layers = exact(warm_to_cool[[0, 2]])
@@ -52,7 +50,7 @@ def test_layers_are_equation_3(
     np.testing.assert_allclose(found[1, 0, 0], 0.9 * matrices[1] @ flash[0, 0], rtol=1e-4)
 
 
-def test_light_outside_the_cone_leaves_something_over(model: Model, warm_to_cool: Array) -> None:
+def test_light_outside_the_cone_leaves_something_over(model: Model, warm_to_cool: Floats64) -> None:
     flash = np.full((1, 1, 3), 0.5)
     no_flash = flash @ model.lamp_matrix(warm_to_cool[1]).T
 
@@ -80,7 +78,7 @@ def test_light_outside_the_cone_goes_to_the_nearest_light_in_the_published_coord
 
 
 def test_the_length_of_the_coefficients_does_not_matter(
-    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+    model: Model, exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64
 ) -> None:
     pair = of_pair(exact(warm_to_cool)[0])
     lengths = np.array([[0.1], [1.0], [30.0]])
@@ -91,7 +89,7 @@ def test_the_length_of_the_coefficients_does_not_matter(
     np.testing.assert_allclose(other, one, atol=1e-6)
 
 
-def test_pixels_without_flash_light_hold_no_layer(model: Model, warm_to_cool: Array) -> None:
+def test_pixels_without_flash_light_hold_no_layer(model: Model, warm_to_cool: Floats64) -> None:
     found = published_layers(
         np.full((2, 3, 3), 0.4),
         np.zeros((2, 3, 3)),
@@ -104,7 +102,7 @@ def test_pixels_without_flash_light_hold_no_layer(model: Model, warm_to_cool: Ar
     assert not found.any()
 
 
-def test_dark_and_negative_pixels_stay_finite(model: Model, warm_to_cool: Array) -> None:
+def test_dark_and_negative_pixels_stay_finite(model: Model, warm_to_cool: Floats64) -> None:
     rng = np.random.default_rng(1)
     no_flash, flash = rng.normal(0, 1e-3, (2, 20, 20, 3)).astype(np.float32)
 

@@ -4,21 +4,19 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.three_lights import minimum_triangle, three_lights
 from pipeline.vectors import unit
 from tests.unit.pipeline.hui2018.known_lights import COOL, LIGHTS, WARM, worst_angle
 
-Array = NDArray[np.float64]
 
-
-def area(corners: Array) -> float:
+def area(corners: Floats64) -> float:
     a, b = corners[1] - corners[0], corners[2] - corners[0]
     return float(abs(a[0] * b[1] - a[1] * b[0])) / 2
 
 
-def least_area(points: Array, steps: int = 120) -> float:
+def least_area(points: Floats64, steps: int = 120) -> float:
     """Area of the least enclosing triangle among those with sides in so many directions."""
     angles = np.arange(steps) * 2 * np.pi / steps
     normals = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -2,21 +2,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.two_lights import two_lights
 from pipeline.vectors import unit
 from tests.unit.pipeline.hui2018.known_lights import COOL, GREEN, WARM
 
-Array = NDArray[np.float64]
 
-
-def on_plane(*points: tuple[float, float]) -> Array:
+def on_plane(*points: tuple[float, float]) -> Floats64:
     """Unit vectors that project to these points when (0, 0, 1) is the pole."""
     return unit(np.column_stack([np.array(points, dtype=float), np.ones(len(points))]))
 
 
-def same(found: Array, expected: Array, atol: float) -> None:
+def same(found: Floats64, expected: Floats64, atol: float) -> None:
     """Equal in one order or the other."""
     order = (
         slice(None)
@@ -26,7 +24,7 @@ def same(found: Array, expected: Array, atol: float) -> None:
     np.testing.assert_allclose(found[order], expected, atol=atol)
 
 
-def angle(a: Array, b: Array) -> float:
+def angle(a: Floats64, b: Floats64) -> float:
     """Angle in degrees."""
     return float(np.degrees(np.arccos(np.clip(a @ b, -1, 1))))
 
@@ -39,7 +37,9 @@ def test_a_line_has_its_end_points() -> None:
 
 
 @pytest.mark.parametrize("lights", [(WARM, COOL), (WARM, GREEN), (GREEN, COOL)])
-def test_two_lights_are_the_ends_of_the_arc_of_their_mixtures(lights: tuple[Array, Array]) -> None:
+def test_two_lights_are_the_ends_of_the_arc_of_their_mixtures(
+    lights: tuple[Floats64, Floats64],
+) -> None:
     t = np.random.default_rng(1).uniform(0, 1, (500, 1))
     mixed = np.concatenate([np.array(lights), unit(t * lights[0] + (1 - t) * lights[1])])
 

@@ -2,16 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.enlarge import enlarge
 from tests.definitions.highlights import enlarged
 
-Array = NDArray[np.float32]
 BLOCKS = np.array([[0, 3, 6], [12, 3, -6]], np.float32)[..., None]
 
 
-def full(blocks: Array, side: int, size: tuple[int, int], rows: slice | None = None) -> Array:
+def full(blocks: Floats32, side: int, size: tuple[int, int], rows: slice | None = None) -> Floats32:
     """Planes of a picture of that size, or some of its rows."""
     rows = rows or slice(0, size[0])
     planes = np.full((blocks.shape[2], rows.stop - rows.start, size[1]), np.nan, np.float32)

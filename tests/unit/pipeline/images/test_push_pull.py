@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.push_pull import push_pull
 
 
-def picture(height: int, width: int) -> NDArray[np.float32]:
+def picture(height: int, width: int) -> Floats32:
     rng = np.random.default_rng(6)
     return rng.uniform(0.2, 0.8, (height, width, 2)).astype(np.float32)
 

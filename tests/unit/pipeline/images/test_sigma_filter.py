@@ -2,25 +2,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.images.noise import Noise
 from pipeline.images.sigma_filter import ROUNDS, SigmaFilter, sigma_filter
 from pipeline.images.strips import widened
 
-Array = NDArray[np.float64]
 GAIN, FLOOR = 2e-4, 2e-6
 NOISE = Noise(np.full(3, GAIN), np.full(3, FLOOR))
 LOUDER = Noise(np.array([1, 2, 3]) * GAIN, np.array([3, 2, 1]) * FLOOR)
 
 
-def noisy(light: Array, seed: int) -> Image:
+def noisy(light: Floats64, seed: int) -> Image:
     normal = np.random.default_rng(seed).normal(size=light.shape)
     return np.asarray(light + normal * np.sqrt(GAIN * light + FLOOR), dtype=np.float32)
 
 
-def defined(images: tuple[Image, Image], noises: tuple[Noise, Noise], rounds: int = 4) -> Array:
+def defined(images: tuple[Image, Image], noises: tuple[Noise, Noise], rounds: int = 4) -> Floats64:
     """The filter as it is defined, pixel by pixel: the average of those that join, (h, W, 7)."""
     values = np.concatenate(images, axis=2).astype(np.float64)
     height, width = values.shape[:2]
@@ -85,14 +84,14 @@ def filtered(
 
 
 @pytest.fixture
-def edge() -> tuple[Array, Array]:
+def edge() -> tuple[Floats64, Floats64]:
     """Two pictures with the same edge down the middle, brighter on the left."""
     bright = np.full((64, 96, 3), 0.4)
     bright[:, 48:] = 0.2
     return bright, 1.5 * bright
 
 
-def test_noise_of_flat_areas_is_lowered_fifteenfold(edge: tuple[Array, Array]) -> None:
+def test_noise_of_flat_areas_is_lowered_fifteenfold(edge: tuple[Floats64, Floats64]) -> None:
     pair = noisy(edge[0], 1), noisy(edge[1], 2)
 
     found = filtered(pair)
@@ -104,7 +103,7 @@ def test_noise_of_flat_areas_is_lowered_fifteenfold(edge: tuple[Array, Array]) -
         assert after[inner].mean() == pytest.approx(true[inner].mean(), rel=2e-3)
 
 
-def test_edges_stay_sharp(edge: tuple[Array, Array]) -> None:
+def test_edges_stay_sharp(edge: tuple[Floats64, Floats64]) -> None:
     found = filtered((noisy(edge[0], 1), noisy(edge[1], 2)))
 
     for after, true in zip(found, edge, strict=True):
@@ -134,7 +133,7 @@ def test_single_pixels_far_beyond_the_noise_are_kept() -> None:
 
 @pytest.mark.parametrize("around", [0, 2, 30])
 @pytest.mark.parametrize("rows", [1, 5, 23, 40])
-def test_rows_may_be_cut_anywhere(edge: tuple[Array, Array], rows: int, around: int) -> None:
+def test_rows_may_be_cut_anywhere(edge: tuple[Floats64, Floats64], rows: int, around: int) -> None:
     pair = noisy(edge[0], 1), noisy(edge[1], 2)
 
     whole, cut = filtered(pair), filtered(pair, rows, around=around)

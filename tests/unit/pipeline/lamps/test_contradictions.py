@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps import contradictions as module
 from pipeline.lamps.contradictions import contradictions, other_light
 from pipeline.lamps.model import Model
@@ -17,21 +17,20 @@ from pipeline.matrixfit.known import Known, Pin, nothing_known
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.run_warnings import Code
 
-Array = NDArray[np.float64]
 Seen = tuple[ReducedPair, Evidence]
 
 
 @pytest.fixture
-def seen(shadowed: Callable[[Array], Any], warm_to_cool: Array) -> Seen:
+def seen(shadowed: Callable[[Floats64], Any], warm_to_cool: Floats64) -> Seen:
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
     return reduced, gather_evidence(reduced, False)
 
 
 @pytest.fixture
-def pin(model: Model, surfaces: Array) -> Callable[..., Pin]:
+def pin(model: Model, surfaces: Floats64) -> Callable[..., Pin]:
     """Pin lamps by surfaces of which each shows one of them, in turn."""
 
-    def of_lamps(*coefficients: Array) -> Pin:
+    def of_lamps(*coefficients: Floats64) -> Pin:
         matrices = model.lamp_matrix(np.array(coefficients))
         light = np.einsum("nkl,nl->nk", np.resize(matrices, (len(surfaces), 3, 3)), surfaces)
         return fit_pin(evidence_of_surfaces(surfaces, light), model, True)
@@ -44,7 +43,7 @@ def known(model: Model, *pins: Pin) -> Known:
 
 
 def test_where_all_agrees_nothing_is_said(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[:2])
     pins = known(model, pin(warm_to_cool[0]), pin(warm_to_cool[1]))
@@ -52,7 +51,7 @@ def test_where_all_agrees_nothing_is_said(
 
 
 def test_a_pin_that_is_explained_much_worse_is_doubted(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     """The one that is farthest from all lamps found without it."""
     true = model.lamp_matrix(warm_to_cool[:2])
@@ -66,7 +65,7 @@ def test_a_pin_that_is_explained_much_worse_is_doubted(
 
 
 def test_one_spectrum_that_is_found_anyway_does_not_excuse_another(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[:2])
     right, wrong = (replace(pin(warm_to_cool[k]), of_area=False) for k in (1, 2))
@@ -81,7 +80,7 @@ def test_one_spectrum_that_is_found_anyway_does_not_excuse_another(
 
 
 def test_a_spectrum_near_a_lamp_that_is_found_anyway_is_not_doubted(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     for shift, of_area, doubted in ((0.03, False, False), (0.08, False, True), (0.03, True, True)):
         pins = known(model, replace(pin(warm_to_cool[0]), of_area=of_area))
@@ -91,7 +90,7 @@ def test_a_spectrum_near_a_lamp_that_is_found_anyway_is_not_doubted(
 
 
 def test_an_area_of_several_lamps_is_doubted(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     mixed, right = pin(warm_to_cool[0], warm_to_cool[2]), pin(warm_to_cool[1])
     pins = known(model, right, mixed)
@@ -104,7 +103,7 @@ def test_an_area_of_several_lamps_is_doubted(
 
 
 def test_only_areas_show_other_light(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     """By chromaticities 0.02 off; those of spectra are regressed, and never fit."""
     found = Fit(model.lamp_matrix(warm_to_cool[:2]), -100.0)
@@ -116,7 +115,7 @@ def test_only_areas_show_other_light(
 
 
 def test_an_area_that_the_lamp_found_does_not_explain_is_doubted(
-    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
+    seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     pins = known(model, pin(warm_to_cool[0]))
     found = Fit(model.lamp_matrix(warm_to_cool[[1, 2]]), -100.0)
@@ -127,7 +126,7 @@ def test_an_area_that_the_lamp_found_does_not_explain_is_doubted(
 
 
 def test_a_forbidden_lamp_that_is_missed_is_doubted(
-    seen: Seen, model: Model, warm_to_cool: Array
+    seen: Seen, model: Model, warm_to_cool: Floats64
 ) -> None:
     nothing = nothing_known(model.flash_white)
     lamps = model.lamp_matrix(warm_to_cool[:2])
@@ -147,7 +146,7 @@ def test_of_three_lamps_or_without_edges_what_is_left_unexplained_decides(
     seen: Seen,
     exact: Callable[..., Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     pin: Callable[..., Pin],
     monkeypatch: pytest.MonkeyPatch,
     left: tuple[float, float],
@@ -167,7 +166,7 @@ def test_of_three_lamps_or_without_edges_what_is_left_unexplained_decides(
 
 
 def test_other_light_is_a_distance_of_chromaticities_beyond_the_noise(
-    warm_to_cool: Array, pin: Callable[..., Pin]
+    warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
     one = pin(warm_to_cool[0])
     assert other_light(one, one.matrix) < 1e-4

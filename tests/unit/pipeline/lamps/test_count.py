@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
 from pipeline.lamps import count
 from pipeline.lamps.count import Count, count_lamps, signs_of_fourth
@@ -21,8 +21,7 @@ from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.reduced_pairs import reduced_pair
 
-Array = NDArray[np.float64]
-Shadowed = Callable[[Array], Any]
+Shadowed = Callable[[Floats64], Any]
 
 SETS = [(0,), (1,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
 FOURTH = np.array([[0.69, 0.3, 0.65]])
@@ -58,9 +57,9 @@ def counted(model: Model) -> Counting:
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])
 def test_lamps_are_counted(
     counted: Counting,
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     which: tuple[int, ...],
     scene: str,
 ) -> None:
@@ -73,7 +72,7 @@ def test_lamps_are_counted(
 
 
 def test_one_lamp_need_not_fit_the_model(
-    counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
+    counted: Counting, pair_of: Callable[..., Any], flash_part: Floats32
 ) -> None:
     matrix = np.array([[0.8, 0.15, 0.0], [0.1, 0.4, 0.1], [0.0, 0.2, 0.3]])
 
@@ -81,7 +80,7 @@ def test_one_lamp_need_not_fit_the_model(
 
 
 def test_signs_of_a_fourth_lamp_are_those_of_four(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     for lamps, more in ((warm_to_cool, False), (np.vstack([warm_to_cool, FOURTH]), True)):
         reduced, evidence = counted.evidence(shadowed(lamps))
@@ -98,7 +97,7 @@ def test_either_sign_of_a_fourth_lamp_will_do(
     counted: Counting,
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     left: float,
     gain: float,
@@ -117,9 +116,9 @@ def test_either_sign_of_a_fourth_lamp_will_do(
 
 def test_no_fourth_lamp_is_told_where_edges_tell_nothing(
     counted: Counting,
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     reduced, evidence = counted.evidence(exact(warm_to_cool)[0])
@@ -129,7 +128,7 @@ def test_no_fourth_lamp_is_told_where_edges_tell_nothing(
 
 
 def test_nearly_equal_lamps_count_as_one_and_less_surely(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     warm, _, cool = warm_to_cool
     found = [
@@ -145,7 +144,7 @@ def test_noise_that_is_known_does_not_make_a_lamp(
     counted: Counting,
     pair_of: Callable[..., Any],
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     clean = shadowed(warm_to_cool[:1])
     drawn = np.random.default_rng(5).normal(0, 0.003, clean.no_flash.shape)
@@ -169,7 +168,7 @@ def costs(*values: float) -> Callable[[int], Fit]:
 def by_costs(
     counted: Counting,
     pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
+    flash_part: Floats32,
     monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., Count]:
     """Count by the costs of one to three lamps alone, which leave nothing off."""
@@ -219,7 +218,7 @@ def test_a_lamp_is_counted_by_what_it_gains(
 def test_gloss_or_colours_that_explain_as_much_are_no_lamp(
     counted: Counting,
     pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
+    flash_part: Floats32,
     monkeypatch: pytest.MonkeyPatch,
     second: float,
     gloss: bool,
@@ -263,7 +262,7 @@ def test_many_paints_under_one_lamp_make_no_second(
 def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     counted: Counting,
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: float,
     beside: float,
@@ -289,7 +288,7 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
 def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
     counted: Counting,
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: float,
     first: float,
@@ -352,7 +351,7 @@ def test_numbers_that_cannot_be_are_not_counted(
 
 
 def test_counting_is_the_same_every_time(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     pair = shadowed(warm_to_cool[[0, 2]])
 
@@ -372,7 +371,7 @@ def test_counting_is_the_same_every_time(
 def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
     counted: Counting,
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     rendered: bool,
     left: tuple[float, float],
@@ -396,7 +395,7 @@ def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
     counted: Counting,
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     rendered: bool,
     gain: float,
@@ -419,7 +418,7 @@ def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
     counted: Counting,
     pair_of: Callable[..., Any],
     shadowed: Shadowed,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     rendered: bool,
     numbers: set[int],
 ) -> None:

@@ -6,22 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.families import FamilyBank, learn_families
 from pipeline.lamps.model import Model, build_model
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.families import FAMILIES
 from pipeline.spectra.lights import find_light, reflectance_spectra
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture(scope="session")
-def matrix_of(camera: Camera) -> Callable[[Array], Array]:
+def matrix_of(camera: Camera) -> Callable[[Floats64], Floats64]:
     """Regress the matrix of a lamp on measured reflectances, each of equal brightness."""
 
-    def of_spectrum(light: Array) -> Array:
+    def of_spectrum(light: Floats64) -> Floats64:
         s, rho = camera.sensitivities, reflectance_spectra()
         before, after = rho @ (s * find_light("xenon")).T, rho @ (s * light).T
         scale = before.sum(axis=1, keepdims=True)
@@ -30,7 +28,7 @@ def matrix_of(camera: Camera) -> Callable[[Array], Array]:
     return of_spectrum
 
 
-def as_fitted(matrix: Array, model: Model) -> Array:
+def as_fitted(matrix: Floats64, model: Model) -> Floats64:
     """Half of what lies outside the model's space, as the fit's narrow prior leaves it."""
     theta = model.prior.coordinates(matrix[None])
     theta[:, 3:] /= 2
@@ -49,7 +47,7 @@ def as_fitted(matrix: Array, model: Model) -> Array:
 )
 def test_lamps_are_named(
     model: Model,
-    matrix_of: Callable[[Array], Array],
+    matrix_of: Callable[[Floats64], Floats64],
     light: str,
     family: str,
     low: float,
@@ -62,7 +60,7 @@ def test_lamps_are_named(
 
 
 def test_probabilities_are_of_all_families(
-    model: Model, matrix_of: Callable[[Array], Array]
+    model: Model, matrix_of: Callable[[Floats64], Floats64]
 ) -> None:
     matrix = matrix_of(find_light("FL2"))
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.lamps.known_lamps import check_places, find_known
 from pipeline.lamps.model import Model
@@ -17,7 +17,6 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 
-Array = NDArray[np.float64]
 Find = Callable[..., Known]
 
 SIZE = (96, 64)
@@ -25,7 +24,7 @@ LEFT, RIGHT = {"x": 6, "y": 32, "radius": 5}, {"x": 90, "y": 32, "radius": 5}
 
 
 @pytest.fixture
-def find(exact: Callable[..., Any], warm_to_cool: Array, model: Model) -> Find:
+def find(exact: Callable[..., Any], warm_to_cool: Floats64, model: Model) -> Find:
     """Find what options say of the lamps of a scene: a bulb at the left, blue sky at the right."""
 
     def of_options(
@@ -49,7 +48,7 @@ def refusal(find: Find, *known: Any, **changes: Any) -> str:
     return str(refused.value)
 
 
-def angle(a: Array, b: Array) -> float:
+def angle(a: Floats64, b: Floats64) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
@@ -60,7 +59,7 @@ def test_nothing_is_known_without_options(find: Find) -> None:
 
 
 def test_areas_show_the_lamps_that_light_them(
-    find: Find, model: Model, warm_to_cool: Array
+    find: Find, model: Model, warm_to_cool: Floats64
 ) -> None:
     known = find([LEFT, RIGHT])
 

@@ -2,14 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, lamp_spectra
 from pipeline.spectra.matrices import best_matrix
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -17,12 +15,12 @@ def prior(camera: Camera) -> SpectrumPrior:
     return learn_spectra(camera.sensitivities, find_light("xenon"))
 
 
-def matrix_of(light: Array, camera: Camera) -> Array:
+def matrix_of(light: Floats64, camera: Camera) -> Floats64:
     s = camera.sensitivities
     return best_matrix(s * find_light("xenon"), s * light)
 
 
-def off(found: Array, light: Array) -> float:
+def off(found: Floats64, light: Floats64) -> float:
     """Sine of the angle between two spectra."""
     cosine = found @ light / np.linalg.norm(found) / np.linalg.norm(light)
     return float(np.sqrt(1 - cosine**2))
@@ -83,7 +81,7 @@ def test_no_other_gain_errs_less_on_measured_lamps(camera: Camera, prior: Spectr
         for amount, way in ((0.03, white), (0.1, across[0]), (0.1, across[1]))
     ]
 
-    def error(gain: Array) -> float:
+    def error(gain: Floats64) -> float:
         missed = lamps - prior.mean - (matrices - prior.expected) @ gain.T
         by_noise = np.array(steps) @ gain.T
         return float(np.square(missed).sum(axis=1).mean() + np.square(by_noise).sum())
@@ -96,7 +94,7 @@ def test_no_other_gain_errs_less_on_measured_lamps(camera: Camera, prior: Spectr
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), -np.eye(3)])
-def test_a_matrix_without_light_tells_nothing(prior: SpectrumPrior, matrix: Array) -> None:
+def test_a_matrix_without_light_tells_nothing(prior: SpectrumPrior, matrix: Floats64) -> None:
     np.testing.assert_array_equal(prior.spectrum(matrix), prior.mean)
 
 

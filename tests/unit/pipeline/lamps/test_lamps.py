@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps import lamps
@@ -17,12 +17,11 @@ from pipeline.matrixfit.fit import Fit
 from pipeline.pair.reduced import reduce_pair
 from tests.angles import angles
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
-Shadowed = Callable[[Array], Any]
+Exact = Callable[..., tuple[Any, Floats64]]
+Shadowed = Callable[[Floats64], Any]
 
 
-def whites(model: Model, coefficients: Array) -> Array:
+def whites(model: Model, coefficients: Floats64) -> Floats64:
     """What lamps of the model make of a white card."""
     return np.asarray(model.lamp_matrix(coefficients) @ model.flash_white)
 
@@ -34,7 +33,7 @@ def test_lamps_of_the_model_are_found(
     exact: Exact,
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     which: tuple[int, ...],
     automatic: bool,
     scene: str,
@@ -60,7 +59,7 @@ def test_lamps_of_the_model_are_found(
 
 @pytest.mark.parametrize("requested", [1, 2, 3])
 def test_the_published_method_is_that_of_the_paper(
-    exact: Exact, model: Model, warm_to_cool: Array, requested: Any
+    exact: Exact, model: Model, warm_to_cool: Floats64, requested: Any
 ) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
@@ -73,7 +72,7 @@ def test_the_published_method_is_that_of_the_paper(
     assert not found.deviations.terms.any()  # of which the paper knows nothing
 
 
-def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Floats64) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
     best = estimate_lamps(reduced, model, "auto", "best", False)
@@ -85,7 +84,7 @@ def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Array) ->
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
 def test_lamps_are_named_from_warm_to_cool(
-    exact: Exact, model: Model, warm_to_cool: Array, order: tuple[int, ...]
+    exact: Exact, model: Model, warm_to_cool: Floats64, order: tuple[int, ...]
 ) -> None:
     pair, _ = exact(warm_to_cool[list(order)])
 
@@ -96,7 +95,9 @@ def test_lamps_are_named_from_warm_to_cool(
     assert angles(found.coefficients, whites(model, warm_to_cool)).max() < 2
 
 
-def test_matrices_are_those_of_the_lamps(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+def test_matrices_are_those_of_the_lamps(
+    exact: Exact, model: Model, warm_to_cool: Floats64
+) -> None:
     pair, layers = exact(warm_to_cool[[0, 2]])
     part = pair.flash - pair.no_flash
 
@@ -109,7 +110,7 @@ def test_matrices_are_those_of_the_lamps(exact: Exact, model: Model, warm_to_coo
 
 @pytest.mark.parametrize("requested", [1, 2, 3])
 def test_what_is_asked_for_is_given(
-    exact: Exact, model: Model, warm_to_cool: Array, requested: Any
+    exact: Exact, model: Model, warm_to_cool: Floats64, requested: Any
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
@@ -124,7 +125,7 @@ def test_what_is_asked_for_is_given(
 
 
 def test_channels_are_weighed_by_their_light(
-    exact: Exact, model: Model, warm_to_cool: Array
+    exact: Exact, model: Model, warm_to_cool: Floats64
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
     reduced = reduce_pair(pair)
@@ -136,7 +137,7 @@ def test_channels_are_weighed_by_their_light(
 
 
 def test_invariants_are_unit_vectors_between_the_lamps(
-    exact: Exact, model: Model, warm_to_cool: Array
+    exact: Exact, model: Model, warm_to_cool: Floats64
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
@@ -148,7 +149,7 @@ def test_invariants_are_unit_vectors_between_the_lamps(
 
 
 def test_the_least_angle_is_that_of_similar_lamps(
-    exact: Exact, model: Model, warm_to_cool: Array
+    exact: Exact, model: Model, warm_to_cool: Floats64
 ) -> None:
     warm, _, cool = warm_to_cool
     pair, _ = exact(np.array([warm, 0.92 * warm + 0.08 * cool]))
@@ -162,7 +163,7 @@ def test_the_least_angle_is_that_of_similar_lamps(
 
 
 def test_lamps_that_stand_out_less_are_less_sure(
-    exact: Exact, model: Model, warm_to_cool: Array, pair_of: Callable[..., Any]
+    exact: Exact, model: Model, warm_to_cool: Floats64, pair_of: Callable[..., Any]
 ) -> None:
     warm, _, cool = warm_to_cool
     rng = np.random.default_rng(3)
@@ -178,7 +179,7 @@ def test_lamps_that_stand_out_less_are_less_sure(
 
 
 def test_lamps_are_found_in_noise(
-    exact: Exact, model: Model, warm_to_cool: Array, pair_of: Callable[..., Any]
+    exact: Exact, model: Model, warm_to_cool: Floats64, pair_of: Callable[..., Any]
 ) -> None:
     clean, _ = exact(warm_to_cool[[0, 2]])
     rng = np.random.default_rng(4)
@@ -192,7 +193,9 @@ def test_lamps_are_found_in_noise(
     assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 3
 
 
-def test_estimating_is_the_same_every_time(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+def test_estimating_is_the_same_every_time(
+    exact: Exact, model: Model, warm_to_cool: Floats64
+) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
     once, again = (estimate_lamps(reduced, model, "auto", "best", False) for _ in range(2))
@@ -204,7 +207,7 @@ def test_estimating_is_the_same_every_time(exact: Exact, model: Model, warm_to_c
 @pytest.mark.parametrize("usable", [0, 1, 199])
 @pytest.mark.parametrize("requested", ["auto", 1, 2, 3])
 def test_too_few_pixels_are_refused(
-    exact: Exact, model: Model, warm_to_cool: Array, usable: int, requested: Any
+    exact: Exact, model: Model, warm_to_cool: Floats64, usable: int, requested: Any
 ) -> None:
     reduced = reduce_pair(exact(warm_to_cool[[0, 2]])[0])
     few = np.zeros(reduced.usable.size, bool)
@@ -222,7 +225,7 @@ def test_too_few_pixels_are_refused(
 
 @pytest.mark.parametrize("requested", ["auto", 1, 2, 3])
 def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
-    pair_of: Callable[..., Any], model: Model, warm_to_cool: Array, requested: Any
+    pair_of: Callable[..., Any], model: Model, warm_to_cool: Floats64, requested: Any
 ) -> None:
     part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
     pair = pair_of(part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T, part)
@@ -235,7 +238,7 @@ def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
 
 
 def test_matrices_that_point_the_other_way_are_turned(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chromaticities do not tell T from −T."""
     true = model.lamp_matrix(warm_to_cool[[0, 2]])
@@ -248,7 +251,7 @@ def test_matrices_that_point_the_other_way_are_turned(
 
 
 def test_lamps_are_moved_by_pools_before_they_are_followed_outwards(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     moved = Fit(model.lamp_matrix(warm_to_cool[[0, 1]]), 0.0)
     monkeypatch.setattr(lamps, "fit_pools", lambda *_: moved)
@@ -264,7 +267,7 @@ def test_lamps_are_moved_by_pools_before_they_are_followed_outwards(
 def test_two_other_lamps_that_a_search_came_to_are_rivals(
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     swapped: bool,
     turned: int,
@@ -287,7 +290,7 @@ def test_two_other_lamps_that_a_search_came_to_are_rivals(
 
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_lamps_found_in_two_ways_have_no_rivals(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, which: list[int]
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, which: list[int]
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[which]))
 
@@ -299,7 +302,7 @@ def test_lamps_found_in_two_ways_have_no_rivals(
 def test_lamps_that_do_not_explain_the_photograph_are_half_certain(
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     requested: Literal["auto", 1],
     confidence: float,
@@ -315,7 +318,7 @@ def test_lamps_that_do_not_explain_the_photograph_are_half_certain(
 
 
 def test_signs_of_four_lamps_are_told(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64
 ) -> None:
     four = np.vstack([warm_to_cool, [[0.69, 0.3, 0.65]]])
     reduced = reduce_pair(shadowed(four))
@@ -338,7 +341,7 @@ def test_signs_of_four_lamps_are_told(
 def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
     exact: Exact,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     requested: Literal[1, 2, 3],
     more: bool,
@@ -353,7 +356,7 @@ def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
 
 
 def test_a_fourth_is_told_by_lamps_of_pools_before_they_are_followed_outwards(
-    exact: Exact, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    exact: Exact, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Followed outwards they leave less, as if there were no fourth."""
     usual = model.lamp_matrix(warm_to_cool)
@@ -371,7 +374,7 @@ def test_a_fourth_is_told_by_lamps_of_pools_before_they_are_followed_outwards(
 
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])
 def test_one_lamp_for_two_does_not_explain_the_photograph(
-    exact: Exact, shadowed: Shadowed, model: Model, warm_to_cool: Array, scene: str
+    exact: Exact, shadowed: Shadowed, model: Model, warm_to_cool: Floats64, scene: str
 ) -> None:
     two = warm_to_cool[[0, 2]]
     pair = shadowed(two) if scene == "shadowed" else exact(two)[0]
@@ -382,7 +385,7 @@ def test_one_lamp_for_two_does_not_explain_the_photograph(
     assert found.left_over > 0.08
 
 
-def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Floats64) -> None:
     found = estimate_lamps(reduce_pair(exact(warm_to_cool[:1])[0]), model, 1, "best", False)
 
     assert found.least_angle_deg == 90.0
@@ -390,7 +393,7 @@ def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Arr
 
 
 def test_edges_tell_which_lamp_casts_a_shadow(
-    shadowed: Shadowed, exact: Exact, model: Model, warm_to_cool: Array
+    shadowed: Shadowed, exact: Exact, model: Model, warm_to_cool: Floats64
 ) -> None:
     two = warm_to_cool[[0, 2]]
 

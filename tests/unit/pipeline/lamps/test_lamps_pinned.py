@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.lamps import lamps
 from pipeline.lamps.lamps import estimate_lamps
@@ -21,16 +21,15 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code
 from tests.angles import angles
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
-Shadowed = Callable[[Array], Any]
+Exact = Callable[..., tuple[Any, Floats64]]
+Shadowed = Callable[[Floats64], Any]
 
 
 @pytest.fixture
-def pinned(model: Model, surfaces: Array) -> Callable[[Array], Known]:
+def pinned(model: Model, surfaces: Floats64) -> Callable[[Floats64], Known]:
     """Pin lamps by their coefficients."""
 
-    def of_lamps(coefficients: Array) -> Known:
+    def of_lamps(coefficients: Floats64) -> Known:
         matrices = model.lamp_matrix(coefficients)
         pins = [
             fit_pin(evidence_of_surfaces(surfaces, surfaces @ matrix.T), model, False)
@@ -47,8 +46,8 @@ def pinned(model: Model, surfaces: Array) -> Callable[[Array], Known]:
 def test_it_is_told_which_lamps_were_pinned(
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
-    pinned: Callable[[Array], Known],
+    warm_to_cool: Floats64,
+    pinned: Callable[[Floats64], Known],
     which: tuple[int, ...],
     expected: list[int],
 ) -> None:
@@ -64,7 +63,7 @@ def test_it_is_told_which_lamps_were_pinned(
 
 
 def test_as_many_lamps_are_found_as_are_pinned(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, pinned: Callable[[Floats64], Known]
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[:1]))
 
@@ -79,8 +78,8 @@ def test_as_many_lamps_are_found_as_are_pinned(
 def test_counting_begins_with_what_is_known_and_never_below_one(
     exact: Exact,
     model: Model,
-    warm_to_cool: Array,
-    pinned: Callable[[Array], Known],
+    warm_to_cool: Floats64,
+    pinned: Callable[[Floats64], Known],
     monkeypatch: pytest.MonkeyPatch,
     pins: int | None,
     least: int,
@@ -103,7 +102,7 @@ def test_counting_begins_with_what_is_known_and_never_below_one(
 
 
 def test_pins_that_the_photograph_contradicts_are_doubted(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, pinned: Callable[[Floats64], Known]
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
 
@@ -115,7 +114,7 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
 
 
 def test_a_forbidden_lamp_that_is_missed_is_told(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By what the fit is worth without what is known."""
     true = model.lamp_matrix(warm_to_cool[:2])
@@ -133,7 +132,7 @@ def test_a_forbidden_lamp_that_is_missed_is_told(
 
 
 def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    shadowed: Shadowed, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[:2])
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true, np.inf))

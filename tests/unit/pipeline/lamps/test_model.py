@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import D65_XY
 from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import light_coefficients
@@ -14,15 +14,13 @@ from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 from tests.angles import angles
 
-Array = NDArray[np.float64]
 
-
-def seen(camera: Camera, light: Array) -> Array:
+def seen(camera: Camera, light: Floats64) -> Floats64:
     """Camera RGB (m, 3) of measured surfaces under a light."""
     return np.asarray(reflectance_spectra() @ (camera.sensitivities * light).T)
 
 
-def test_lamp_matrix_of_one_lamp_and_of_many(model: Model, warm_to_cool: Array) -> None:
+def test_lamp_matrix_of_one_lamp_and_of_many(model: Model, warm_to_cool: Floats64) -> None:
     many = model.lamp_matrix(warm_to_cool)
 
     assert many.shape == (3, 3, 3)
@@ -30,7 +28,7 @@ def test_lamp_matrix_of_one_lamp_and_of_many(model: Model, warm_to_cool: Array) 
         np.testing.assert_allclose(model.lamp_matrix(coefficients), matrix)
 
 
-def test_lamp_matrix_is_linear_in_the_coefficients(model: Model, warm_to_cool: Array) -> None:
+def test_lamp_matrix_is_linear_in_the_coefficients(model: Model, warm_to_cool: Floats64) -> None:
     a, b, _ = warm_to_cool
 
     np.testing.assert_allclose(
@@ -84,7 +82,7 @@ def test_neutral_matrix_turns_a_white_card_under_flash_into_one_under_neutral(
 
 
 def test_neutral_matrix_turns_measured_surfaces_into_those_under_neutral(
-    model: Model, camera: Camera, surfaces: Array
+    model: Model, camera: Camera, surfaces: Floats64
 ) -> None:
     true = seen(camera, find_light("D65"))
 
@@ -96,7 +94,7 @@ def test_neutral_matrix_turns_measured_surfaces_into_those_under_neutral(
 
 
 def test_neutral_matrix_errs_as_little_on_dark_surfaces_as_on_light_ones(
-    model: Model, camera: Camera, surfaces: Array
+    model: Model, camera: Camera, surfaces: Floats64
 ) -> None:
     """Least squares of errors relative to brightness: none is left along colours but white's."""
     light = find_light("D65")
@@ -111,7 +109,7 @@ def test_neutral_matrix_errs_as_little_on_dark_surfaces_as_on_light_ones(
 
 
 def test_the_invariant_hardly_depends_on_the_surface(
-    model: Model, camera: Camera, surfaces: Array
+    model: Model, camera: Camera, surfaces: Floats64
 ) -> None:
     for name in ("A", "D65", "LED-B1"):
         light = find_light(name)
@@ -185,7 +183,7 @@ def test_learning_is_the_same_every_time(camera: Camera, model: Model) -> None:
     np.testing.assert_array_equal(again.tensor, model.tensor)
 
 
-def mixed(camera: Camera, matrix: Array) -> Camera:
+def mixed(camera: Camera, matrix: Floats64) -> Camera:
     """A camera whose channels are mixtures of another's."""
     return Camera("odd", matrix @ camera.sensitivities, "file")
 
@@ -201,7 +199,7 @@ def mixed(camera: Camera, matrix: Array) -> Camera:
 )
 @pytest.mark.parametrize("as_response", [False, True])
 def test_a_camera_without_three_colours_is_refused(
-    camera: Camera, matrix: Array, as_response: bool
+    camera: Camera, matrix: Floats64, as_response: bool
 ) -> None:
     odd = mixed(camera, matrix)
     cameras = (camera, odd) if as_response else (odd, None)
@@ -237,7 +235,7 @@ def test_light_that_the_camera_does_not_see_is_refused(
         build_model(Camera("odd", cut, "file"), lights["flash"], lights["neutral"], "wpca")
 
 
-def band(first: float, last: float) -> Array:
+def band(first: float, last: float) -> Floats64:
     """Light of equal power between two wavelengths in nm."""
     return np.interp(WAVELENGTHS_NM, [first - 1, first, last, last + 1], [0.0, 1.0, 1.0, 0.0])
 
@@ -247,7 +245,7 @@ def band(first: float, last: float) -> Array:
     [find_light("LPS"), band(440, 460), band(550, 550), band(640, 700)],
     ids=["sodium", "blue", "a line", "red"],
 )
-def test_a_flash_of_one_colour_is_refused(camera: Camera, flash: Array) -> None:
+def test_a_flash_of_one_colour_is_refused(camera: Camera, flash: Floats64) -> None:
     """Under which surfaces differ in brightness alone, and lamps cannot be told apart."""
     with pytest.raises(
         OptionError,

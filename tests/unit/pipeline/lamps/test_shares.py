@@ -2,23 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.lamps.shares import shares
 from tests.definitions import pixels
 
-Array = NDArray[np.float64]
 
-
-def reference(no_flash: Array, predictions: Array) -> Array:
+def reference(no_flash: Floats64, predictions: Floats64) -> Floats64:
     """Shares (N, n) by scipy, pixel by pixel."""
     return np.array(
         [nnls(predictions[:, p].T, no_flash[p])[0] for p in range(len(no_flash))], dtype=np.float64
     ).T
 
 
-def left_over(z: NDArray[np.floating], no_flash: Array, predictions: Array) -> Array:
+def left_over(z: Floats, no_flash: Floats64, predictions: Floats64) -> Floats64:
     """Distance (n,) of the mixture from the photograph."""
     return np.asarray(np.linalg.norm((z[..., None] * predictions).sum(axis=0) - no_flash, axis=-1))
 

@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
@@ -22,23 +22,21 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.reduced_pairs import even, reduced_pair
 
-Array = NDArray[np.float64]
-
 HEIGHT, WIDTH, PATCH = 64, 96, 4
 LAMPS = ("A", "D150", "FL2")
 SENSOR, BALANCED = "typical sensor", "typical sensor, balanced for daylight"
 
 
 @pytest.fixture(scope="module")
-def other_sensor(camera: Camera) -> Array:
+def other_sensor(camera: Camera) -> Floats64:
     """Sensitivities (3, W) of a camera that is none of the known ones: 8 nm off, red halved."""
     moved = [np.interp(WAVELENGTHS_NM - 8.0, WAVELENGTHS_NM, s) for s in camera.sensitivities]
     return np.asarray(np.array(moved) * np.array([[0.5], [1.0], [1.0]]))
 
 
-def converted(s: Array, to: str) -> Array:
+def converted(s: Floats64, to: str) -> Floats64:
     """What a converter makes of the sensor's values, (3, 3)."""
-    matrix: Array = np.eye(3)
+    matrix: Floats64 = np.eye(3)
     if to == "balanced":
         matrix = np.diag(1 / (s @ find_light("D65")))
     if to == "sRGB":
@@ -46,7 +44,9 @@ def converted(s: Array, to: str) -> Array:
     return matrix
 
 
-def photographed(s: Array, to: str, lamps: tuple[str, ...], pair_of: Callable[..., Pair]) -> Pair:
+def photographed(
+    s: Floats64, to: str, lamps: tuple[str, ...], pair_of: Callable[..., Pair]
+) -> Pair:
     """A pair (64, 96): patches of measured surfaces under lamps that cast shadows."""
     rng = np.random.default_rng(5)
     spectra = reflectance_spectra()
@@ -55,7 +55,7 @@ def photographed(s: Array, to: str, lamps: tuple[str, ...], pair_of: Callable[..
     v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
     functions = converted(s, to) @ s
 
-    def lit_by(light: Array, strength: Array) -> Array:
+    def lit_by(light: Floats64, strength: Floats64) -> Floats64:
         light = light / (s[1] @ light)
         colours = (chosen * light) @ functions.T
         patches = colours.reshape(rows, columns, 3).repeat(PATCH, axis=0).repeat(PATCH, axis=1)
@@ -93,7 +93,7 @@ def doubts_of(pair: Any, lamps: int, camera: Camera, frame: Frame) -> list[str]:
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("automatic", [True, False], ids=["auto", "given"])
 def test_the_pair_tells_whose_colours_it_holds(
-    other_sensor: Array,
+    other_sensor: Floats64,
     pair_of: Callable[..., Pair],
     to: str,
     count: Literal[2, 3],
@@ -109,7 +109,7 @@ def test_the_pair_tells_whose_colours_it_holds(
 @pytest.mark.parametrize("requested", ["auto", 1])
 @pytest.mark.parametrize("to", ["sensor", "sRGB"])
 def test_under_one_lamp_it_tells_too(
-    other_sensor: Array,
+    other_sensor: Floats64,
     pair_of: Callable[..., Pair],
     to: str,
     requested: Literal["auto", 1],
@@ -120,7 +120,7 @@ def test_under_one_lamp_it_tells_too(
 
 
 def test_a_balanced_sensor_sees_daylight_as_white(
-    other_sensor: Array, pair_of: Callable[..., Pair]
+    other_sensor: Floats64, pair_of: Callable[..., Pair]
 ) -> None:
     pair = photographed(other_sensor, "balanced", LAMPS[:2], pair_of)
 
@@ -137,7 +137,7 @@ def test_a_pair_that_tells_nothing_is_taken_for_srgb() -> None:
 
 
 def test_a_pair_without_blue_is_taken_for_srgb(
-    other_sensor: Array, pair_of: Callable[..., Pair]
+    other_sensor: Floats64, pair_of: Callable[..., Pair]
 ) -> None:
     pair = photographed(other_sensor, "sensor", LAMPS[:2], pair_of)
     without = np.array([1.0, 1.0, 0.0])
@@ -149,7 +149,7 @@ def test_a_pair_without_blue_is_taken_for_srgb(
 
 
 def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
-    other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+    other_sensor: Floats64, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(reduced: Any, evidence: Any, model: Model, *more: Any) -> Any:
         if (model.camera.sensitivities < 0).any():  # sRGB's functions alone have negative parts
@@ -168,7 +168,7 @@ def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
 @pytest.mark.parametrize("requested", ["auto", 2])
 @pytest.mark.parametrize(("to", "added"), [("sensor", ""), ("balanced", ", balanced for daylight")])
 def test_values_of_the_sensor_that_is_named_are_taken_as_such(
-    other_sensor: Array,
+    other_sensor: Floats64,
     pair_of: Callable[..., Pair],
     requested: Literal["auto", 2],
     to: str,
@@ -181,7 +181,7 @@ def test_values_of_the_sensor_that_is_named_are_taken_as_such(
 
 
 def test_srgb_is_told_from_what_the_named_sensor_gives(
-    other_sensor: Array, pair_of: Callable[..., Pair]
+    other_sensor: Floats64, pair_of: Callable[..., Pair]
 ) -> None:
     other = Camera("Other", other_sensor, "measured")
     pair = photographed(other_sensor, "sRGB", LAMPS, pair_of)
@@ -190,7 +190,7 @@ def test_srgb_is_told_from_what_the_named_sensor_gives(
 
 
 def test_where_few_shadows_have_edges_the_name_is_believed(
-    other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+    other_sensor: Floats64, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pipeline.lamps.whose_colours.first_fit", lambda *_: pytest.fail("fitted"))
     other = Camera("Other", other_sensor, "measured")
@@ -214,7 +214,7 @@ def linear(frame: Callable[..., Frame]) -> Frame:
 
 
 def test_the_camera_that_took_the_pair_is_not_doubted(
-    other_sensor: Array, pair_of: Callable[..., Pair], linear: Frame
+    other_sensor: Floats64, pair_of: Callable[..., Pair], linear: Frame
 ) -> None:
     pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
 
@@ -223,7 +223,7 @@ def test_the_camera_that_took_the_pair_is_not_doubted(
 
 @pytest.mark.parametrize("encoding", ["linear", "raw"])
 def test_another_camera_is_doubted(
-    other_sensor: Array, pair_of: Callable[..., Pair], frame: Callable[..., Frame], encoding: str
+    other_sensor: Floats64, pair_of: Callable[..., Pair], frame: Callable[..., Frame], encoding: str
 ) -> None:
     pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
     photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make="Nikon D5100")
@@ -235,7 +235,7 @@ def test_another_camera_is_doubted(
 
 
 def test_a_sensor_that_is_named_for_srgb_is_doubted(
-    other_sensor: Array, pair_of: Callable[..., Pair], linear: Frame
+    other_sensor: Floats64, pair_of: Callable[..., Pair], linear: Frame
 ) -> None:
     pair = photographed(other_sensor, "sRGB", LAMPS, pair_of)
 
@@ -245,7 +245,7 @@ def test_a_sensor_that_is_named_for_srgb_is_doubted(
 
 
 def test_the_typical_sensor_itself_is_not_compared_with_itself(
-    other_sensor: Array,
+    other_sensor: Floats64,
     pair_of: Callable[..., Pair],
     frame: Callable[..., Frame],
     monkeypatch: pytest.MonkeyPatch,
@@ -268,7 +268,7 @@ def costs(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def edged(other_sensor: Array, pair_of: Callable[..., Pair]) -> Pair:
+def edged(other_sensor: Floats64, pair_of: Callable[..., Pair]) -> Pair:
     """A pair whose shadows have many edges."""
     return photographed(other_sensor, "sensor", LAMPS, pair_of)
 
@@ -288,7 +288,7 @@ def test_a_camera_is_doubted_where_another_is_much_likelier(
     edged: Pair,
     linear: Frame,
     costs: dict[str, float],
-    other_sensor: Array,
+    other_sensor: Floats64,
     cost: float,
     sensor: float,
     srgb: float,
@@ -308,7 +308,7 @@ def test_where_one_lamp_was_found_it_takes_more_to_doubt_a_camera(
     edged: Pair,
     linear: Frame,
     costs: dict[str, float],
-    other_sensor: Array,
+    other_sensor: Floats64,
     likelier: str,
     cost: float,
     doubted: bool,
@@ -325,7 +325,7 @@ def test_where_one_lamp_was_found_it_takes_more_to_doubt_a_camera(
 def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
     edged: Pair,
     linear: Frame,
-    other_sensor: Array,
+    other_sensor: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     lamps: int,
     fitted: int,
@@ -345,7 +345,7 @@ def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
 
 @pytest.mark.parametrize(("cost", "chosen"), [(89.0, "Other"), (91.0, "sRGB")])
 def test_a_camera_that_exif_names_gives_way_where_srgb_is_much_likelier(
-    edged: Pair, costs: dict[str, float], other_sensor: Array, cost: float, chosen: str
+    edged: Pair, costs: dict[str, float], other_sensor: Floats64, cost: float, chosen: str
 ) -> None:
     costs["Other"] = cost
 

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.contrasts import RelativeLight, contrast, drawn, relative_light, steps
 from pipeline.matrixfit.data import Data
-
-Array = NDArray[np.float64]
 
 STEP, BOTH = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 
 def ratios_of(
-    light: Array, flash: Array, v_n: float = 1e-9, v_f: float = 1e-9, coupled: float = 0.0
+    light: Floats64, flash: Floats64, v_n: float = 1e-9, v_f: float = 1e-9, coupled: float = 0.0
 ) -> RelativeLight:
     use = np.ones(light.shape[:2], np.bool_)
     return relative_light(
@@ -21,7 +20,7 @@ def ratios_of(
     )
 
 
-def row(*colours: tuple[float, float, float]) -> Array:
+def row(*colours: tuple[float, float, float]) -> Floats64:
     return np.array([colours])
 
 

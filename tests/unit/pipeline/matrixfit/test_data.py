@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 
 
@@ -76,7 +76,7 @@ def test_chromaticities_change_with_the_flash_colour_as_finite_differences_do() 
     """Of a lamp that multiplies channels by 2, 1 and 3."""
     gains, x = np.array([2.0, 1.0, 3.0]), np.array([0.3, 0.5, 0.2])
 
-    def seen(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+    def seen(colour: Floats64) -> Floats64:
         light = gains * colour
         return np.asarray(light / light.sum())
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.deviations import (
     Deviations,
@@ -17,33 +17,31 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair
 from tests.definitions.pixels import deviating_light
 
-Array = NDArray[np.float64]
-
 LAMPS = np.array([np.diag([0.9, 0.5, 0.2]), np.diag([0.3, 0.5, 0.9]), np.diag([0.3, 0.9, 0.3])])
 SIZE = (60, 90)
 EVEN = np.ones(3)
 
 
-def surfaces(seed: int = 5) -> Array:
+def surfaces(seed: int = 5) -> Floats64:
     """Flash colours (60, 90, 3) of squares of 3 × 3 pixels, all of them unlike."""
     colours = np.random.default_rng(seed).dirichlet((6, 6, 6), (20, 30))
     return np.asarray(np.kron(colours, np.ones((3, 3, 1))))
 
 
-def shades(lamps: int) -> Array:
+def shades(lamps: int) -> Floats64:
     """Shares (N, 60, 90) that change evenly, of each lamp in another direction."""
     y, x = np.mgrid[0:1:60j, 0:1:90j]
     return np.stack([0.2 + x, 1.2 - x, 0.2 + y])[:lamps]
 
 
-def true_deviations(flash: Array, lamps: int) -> Array:
+def true_deviations(flash: Floats64, lamps: int) -> Floats64:
     """(N, 60, 90, 3), of surfaces that reflect up to a few percent more or less of each lamp."""
     red, green = flash[..., 0] - 1 / 3, flash[..., 1] - 1 / 3
     bent = np.stack([red * green, green**2 - red**2, red**2 - 0.5 * green], axis=-1) / 5
     return np.stack([bent, -bent[..., ::-1], 0.7 * bent[..., [1, 2, 0]]])[:lamps]
 
 
-def pair_of(flash: Array, light: Array, variance: float = 1e-9) -> ReducedPair:
+def pair_of(flash: Floats64, light: Floats64, variance: float = 1e-9) -> ReducedPair:
     quiet = np.full((*SIZE, 3), variance, np.float32)
     usable = np.ones(SIZE, bool)
     return ReducedPair(
@@ -57,7 +55,7 @@ def evidence_of(differences: Data) -> Evidence:
     )
 
 
-def shown_alone(responses: Array, flash: Array) -> Data:
+def shown_alone(responses: Floats64, flash: Floats64) -> Data:
     """Differences across edges of shadows that show each lamp alone, on each third square."""
     x = flash[1::9, 1::9].reshape(-1, 3)
     light = responses[:, 1::9, 1::9].reshape(len(responses), -1, 3)
@@ -68,20 +66,20 @@ def shown_alone(responses: Array, flash: Array) -> Data:
     )
 
 
-def error(found: Array, wanted: Array) -> float:
+def error(found: Floats64, wanted: Floats64) -> float:
     """Root mean square of responses (N, …, 3), each lamp's scaled as it may be, relative."""
     scale = (found * wanted).sum(axis=(1, 2, 3)) / np.square(found).sum(axis=(1, 2, 3))
     off = scale[:, None, None, None] * found - wanted
     return float(np.sqrt(np.square(off).mean() / np.square(wanted).mean()))
 
 
-def by_matrices(count: int) -> tuple[Array, Array, Array]:
+def by_matrices(count: int) -> tuple[Floats64, Floats64, Floats64]:
     """Flash colours (60, 90, 3), matrices of so many lamps, and what they give (N, 60, 90, 3)."""
     flash, lamps = surfaces(), LAMPS[:count]
     return flash, lamps, np.einsum("jkl,hwl->jhwk", lamps, flash)
 
 
-def mixed(responses: Array) -> Array:
+def mixed(responses: Floats64) -> Floats64:
     """The lamps' light together, (60, 90, 3)."""
     return np.asarray((shades(len(responses))[..., None] * responses).sum(axis=0))
 
@@ -139,7 +137,7 @@ def test_colours_that_noise_sets_apart_tell_nothing() -> None:
 
 def test_where_the_flash_part_may_be_misplaced_surfaces_are_compared_beyond_their_edges() -> None:
     """Squares of 6 × 6 pixels, whose outermost ones may show the colours beside them."""
-    flash: Array = np.kron(surfaces()[1:30:3, 1:45:3], np.ones((6, 6, 1))).astype(np.float64)
+    flash: Floats64 = np.kron(surfaces()[1:30:3, 1:45:3], np.ones((6, 6, 1))).astype(np.float64)
     lamps = LAMPS[:2]
     straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
     wanted = straight + true_deviations(flash, 2)
@@ -195,7 +193,7 @@ def test_neither_exposure_nor_channel_weights_change_what_is_found(count: int) -
     light = mixed(wanted)
     evidence = evidence_of(shown_alone(wanted, flash))
 
-    def found(exposure: float, weights: Array) -> Deviations:
+    def found(exposure: float, weights: Floats64) -> Deviations:
         pair = pair_of(exposure * flash, exposure * light, 1e-9 * exposure**2)
         noise = np.full_like(pair.no_flash_variance, 1e-3 * exposure**2)
         pair = replace(pair, no_flash_variance=noise)

@@ -5,16 +5,14 @@ import math
 import numpy as np
 import pytest
 from numba import njit
-from numpy.typing import NDArray
 from scipy import special
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.elementary import exp, log, ndtr
-
-Array = NDArray[np.float64]
 
 
 @njit()
-def exps(x: Array) -> Array:
+def exps(x: Floats64) -> Floats64:
     out = np.empty_like(x)
     for i in range(len(x)):
         out[i] = exp(x[i])
@@ -22,7 +20,7 @@ def exps(x: Array) -> Array:
 
 
 @njit()
-def logs(x: Array) -> Array:
+def logs(x: Floats64) -> Floats64:
     out = np.empty_like(x)
     for i in range(len(x)):
         out[i] = log(x[i])
@@ -30,7 +28,7 @@ def logs(x: Array) -> Array:
 
 
 @njit()
-def ndtrs(x: Array) -> Array:
+def ndtrs(x: Floats64) -> Floats64:
     out = np.empty_like(x)
     for i in range(len(x)):
         out[i] = ndtr(x[i], math.exp(-0.5 * x[i] * x[i]))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.lamps.model import Model
 from pipeline.matrixfit import evidence, fit
@@ -17,8 +17,7 @@ from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
 from pipeline.pair.reduced import reduce_pair
 
-Array = NDArray[np.float64]
-Off = Callable[[Array, Array], float]
+Off = Callable[[Floats64, Floats64], float]
 Fitted = Callable[[Any, int], Fit]
 
 SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
@@ -39,11 +38,11 @@ def fitted(model: Model) -> Fitted:
 @pytest.mark.parametrize("which", SETS)
 @pytest.mark.parametrize(("scene", "limit"), [("shadowed", 0.006), ("outline", 0.04)])
 def test_matrices_are_recovered(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     exact: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     which: tuple[int, ...],
     scene: str,
     limit: float,
@@ -61,13 +60,13 @@ def test_matrices_are_recovered(
 
 @pytest.mark.parametrize("scale", [1.0, 3.0])
 def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     scale: float,
 ) -> None:
-    made: list[Array] = []
+    made: list[Floats64] = []
 
     def noting(*given: Any) -> list[Term]:
         terms = make_terms(*given)
@@ -89,9 +88,9 @@ def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
     [(0.0, False, False), (0.2, False, False), (0.8, False, True), (0.8, True, False)],
 )
 def test_no_mirror_takes_the_place_of_its_lamp(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     mirrored: float,
     rendered: bool,
@@ -124,9 +123,9 @@ def test_an_outline_is_followed_finely(
     pair_of: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    flash_part: Array,
-    shares_of: Callable[[int], Array],
-    warm_to_cool: Array,
+    flash_part: Floats64,
+    shares_of: Callable[[int], Floats64],
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     which: tuple[int, ...],
     outside: float,
@@ -150,7 +149,7 @@ def test_an_exact_outline_is_taken_as_it_is(
     pair_of: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     which: tuple[int, ...],
 ) -> None:
     """One surface, light without edges, and pixels that each lamp lights alone."""
@@ -172,7 +171,7 @@ def test_terminators_show_lamps_that_the_outline_does_not_reach(
     pair_of: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """One lamp shines everywhere, two end at lines: the published triangle is exact and wrong."""
     true = model.lamp_matrix(warm_to_cool)
@@ -193,7 +192,7 @@ def test_pools_show_lamps_that_the_outline_does_not_reach(
     pair_of: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     asked: bool,
 ) -> None:
@@ -216,10 +215,10 @@ def test_pools_show_lamps_that_the_outline_does_not_reach(
 
 
 def test_three_lamps_that_leave_much_are_found_otherwise(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
 ) -> None:
@@ -241,9 +240,9 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
     [(False, 0.0, True), (False, -1e9, False), (True, 0.0, False)],
 )
 def test_several_lamps_are_searched_from_the_published_ones_too(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
     which: list[int],
@@ -269,10 +268,10 @@ def test_several_lamps_are_searched_from_the_published_ones_too(
 
 
 def test_what_the_search_passes_over_counts_where_three_lamps_leave_much(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
 ) -> None:
@@ -293,17 +292,17 @@ def test_what_the_search_passes_over_counts_where_three_lamps_leave_much(
 @pytest.mark.parametrize("scene", ["shadowed", "outline", "much is left"])
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_without_published_lamps_others_are_found_as_they_are(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     exact: Callable[..., Any],
     fitted: Fitted,
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
     which: list[int],
     scene: str,
 ) -> None:
-    def none(*_: object) -> Array:
+    def none(*_: object) -> Floats64:
         raise UnusablePairError("The light of hardly any pixel agrees with that of another.")
 
     monkeypatch.setattr(fit, "lights_of_pair", none)
@@ -319,7 +318,7 @@ def test_without_published_lamps_others_are_found_as_they_are(
 def test_an_outline_is_not_judged_by_its_few_differences(
     exact: Callable[..., Any],
     fitted: Fitted,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pair = exact(warm_to_cool)[0]
@@ -337,8 +336,8 @@ def test_a_lamp_need_not_be_of_the_model(
     fitted: Fitted,
     model: Model,
     pair_of: Callable[..., Any],
-    flash_part: Array,
-    warm_to_cool: Array,
+    flash_part: Floats64,
+    warm_to_cool: Floats64,
     off: Off,
 ) -> None:
     """A lamp a little outside the model's space is found nearer than the model can."""
@@ -353,7 +352,7 @@ def test_a_lamp_need_not_be_of_the_model(
 
 
 def test_the_same_pair_gives_the_same_fit(
-    shadowed: Callable[[Array], Any], fitted: Fitted, warm_to_cool: Array
+    shadowed: Callable[[Floats64], Any], fitted: Fitted, warm_to_cool: Floats64
 ) -> None:
     first, second = (fitted(shadowed(warm_to_cool), 3) for _ in range(2))
 
@@ -363,9 +362,9 @@ def test_the_same_pair_gives_the_same_fit(
 
 @pytest.mark.parametrize("which", [(0,), (0, 2), (0, 1, 2)])
 def test_the_true_number_of_lamps_costs_least(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     fitted: Fitted,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     which: tuple[int, ...],
 ) -> None:
     pair = shadowed(warm_to_cool[list(which)])
@@ -377,7 +376,7 @@ def test_the_true_number_of_lamps_costs_least(
 
 @pytest.mark.parametrize("lamps", [2, 3])
 def test_more_lamps_than_colours_are_found_alike(
-    pair_of: Callable[..., Any], fitted: Fitted, model: Model, warm_to_cool: Array, lamps: int
+    pair_of: Callable[..., Any], fitted: Fitted, model: Model, warm_to_cool: Floats64, lamps: int
 ) -> None:
     part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
     light = part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T

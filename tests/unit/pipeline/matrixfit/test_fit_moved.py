@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
@@ -18,13 +18,16 @@ from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.search import Problem
 from pipeline.pair.reduced import reduce_pair
 
-Array = NDArray[np.float64]
-Off = Callable[[Array, Array], float]
+Off = Callable[[Floats64, Floats64], float]
 
 
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_pools_beside_edges_move_lamps(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, off: Off, which: list[int]
+    shadowed: Callable[[Floats64], Any],
+    model: Model,
+    warm_to_cool: Floats64,
+    off: Off,
+    which: list[int],
 ) -> None:
     """All lamps hold some of the next one's light, and edges tell nothing."""
     true = model.lamp_matrix(warm_to_cool[which])
@@ -46,9 +49,9 @@ def test_pools_beside_edges_move_lamps(
 
 
 def test_beside_edges_lamps_are_found_without_pools(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also where they leave much, and are found in other ways."""
@@ -57,7 +60,7 @@ def test_beside_edges_lamps_are_found_without_pools(
     wrong = replace(found.differences, u=found.differences.u[::-1])
     asked: list[int] = []
 
-    def noting(_: Problem, evidence: Evidence, __: Array) -> list[Array]:
+    def noting(_: Problem, evidence: Evidence, __: Floats64) -> list[Floats64]:
         asked.append(len(evidence.pools))
         return []
 
@@ -76,9 +79,9 @@ def test_beside_edges_lamps_are_found_without_pools(
 @pytest.mark.parametrize("step", [fit_pools, follow_outwards])
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_coves_are_left_out_of_the_pools_of_three_lamps(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     step: Callable[..., Fit],
     which: list[int],
@@ -92,7 +95,7 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
     u = np.where(some[:, None], corners.mean(axis=0), corners[0])
     asked: list[int] = []
 
-    def noting(problem: Problem, _: object) -> tuple[Array, float]:
+    def noting(problem: Problem, _: object) -> tuple[Floats64, float]:
         asked.append(len(problem.terms[2].data))
         return true, 0.0
 
@@ -119,9 +122,9 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
     ],
 )
 def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     leave: float,
     likelier: float,
@@ -153,7 +156,7 @@ def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
 
 
 def test_pools_leave_one_lamp_and_forbidden_ones_as_they_are(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[:1])), nothing_known(model.flash_white)
     found = gather_evidence(reduced, False)
@@ -166,7 +169,7 @@ def test_pools_leave_one_lamp_and_forbidden_ones_as_they_are(
 
 
 def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, off: Off
+    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64, off: Off
 ) -> None:
     """Both lamps hold some of the other's light, as where nearly all light is mixed."""
     true = model.lamp_matrix(warm_to_cool[[0, 2]])
@@ -194,9 +197,9 @@ def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
     ],
 )
 def test_two_lamps_give_way_to_those_that_leave_clearly_less(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     of_mean: float,
     of_worst: float,
@@ -208,7 +211,7 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     """In all and where most is left, not by a mirror or what is forbidden, not in a rendering."""
     usual, other = (model.lamp_matrix(warm_to_cool[lamps]) for lamps in ([0, 1], [0, 2]))
 
-    def left(worse: float, better: float) -> Callable[[Any, Array], float]:
+    def left(worse: float, better: float) -> Callable[[Any, Floats64], float]:
         return lambda _, matrices: better if np.array_equal(matrices, other) else worse
 
     monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
@@ -231,9 +234,9 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     [(1.0, 0.94, True), (1.0, 0.96, False), (0.6, 0.3, False)],
 )
 def test_three_lamps_give_way_to_those_that_leave_clearly_less(
-    shadowed: Callable[[Array], Any],
+    shadowed: Callable[[Floats64], Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     usual_leaves: float,
     other_leaves: float,
@@ -242,7 +245,7 @@ def test_three_lamps_give_way_to_those_that_leave_clearly_less(
     """If they leave much at all."""
     usual, other = model.lamp_matrix(warm_to_cool), model.lamp_matrix(np.roll(warm_to_cool, 1))
 
-    def left(_reduced: Any, _evidence: Any, matrices: Array) -> float:
+    def left(_reduced: Any, _evidence: Any, matrices: Floats64) -> float:
         return other_leaves if np.array_equal(matrices, other) else usual_leaves
 
     monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
@@ -15,21 +15,19 @@ from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
-
 FOURTH = np.array([[0.69, 0.3, 0.65]])
 
 
 @pytest.fixture
-def four(warm_to_cool: Array) -> Array:
+def four(warm_to_cool: Floats64) -> Floats64:
     return np.vstack([warm_to_cool, FOURTH])
 
 
 @pytest.fixture
-def seen(shadowed: Callable[[Array], Any]) -> Callable[[Array], Evidence]:
+def seen(shadowed: Callable[[Floats64], Any]) -> Callable[[Floats64], Evidence]:
     """Evidence of lamps that cast hard shadows."""
 
-    def of(lamps: Array) -> Evidence:
+    def of(lamps: Floats64) -> Evidence:
         pair = shadowed(lamps)
         return gather_evidence(reduce_pair(pair), pair.flash_only)
 
@@ -37,19 +35,19 @@ def seen(shadowed: Callable[[Array], Any]) -> Callable[[Array], Evidence]:
 
 
 def test_three_lamps_leave_no_room_for_a_fourth(
-    seen: Callable[[Array], Evidence], model: Model, warm_to_cool: Array
+    seen: Callable[[Floats64], Evidence], model: Model, warm_to_cool: Floats64
 ) -> None:
     assert gain_of_fourth(seen(warm_to_cool), model, model.lamp_matrix(warm_to_cool)) < 30
 
 
 def test_a_fourth_lamp_is_missed_by_its_three_fellows(
-    seen: Callable[[Array], Evidence], model: Model, four: Array, warm_to_cool: Array
+    seen: Callable[[Floats64], Evidence], model: Model, four: Floats64, warm_to_cool: Floats64
 ) -> None:
     assert gain_of_fourth(seen(four), model, model.lamp_matrix(warm_to_cool)) > 100
 
 
 def test_a_light_that_is_there_already_gains_nothing(
-    seen: Callable[[Array], Evidence], model: Model, warm_to_cool: Array
+    seen: Callable[[Floats64], Evidence], model: Model, warm_to_cool: Floats64
 ) -> None:
     gain = gain_of_fourth(seen(warm_to_cool[:1]), model, model.lamp_matrix(warm_to_cool))
 
@@ -59,9 +57,9 @@ def test_a_light_that_is_there_already_gains_nothing(
 @pytest.mark.parametrize("sign", [1, -1])  # a fit's matrices may have either
 @pytest.mark.parametrize(("degrees", "told"), [(2.5, False), (4.5, True)])
 def test_a_light_in_a_lamps_own_colours_is_no_fourth(
-    seen: Callable[[Array], Evidence],
+    seen: Callable[[Floats64], Evidence],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     degrees: float,
     told: bool,
     sign: int,
@@ -79,7 +77,7 @@ def test_a_light_in_a_lamps_own_colours_is_no_fourth(
 
 
 def test_without_edges_of_shadows_nothing_is_said(
-    seen: Callable[[Array], Evidence], model: Model, four: Array, warm_to_cool: Array
+    seen: Callable[[Floats64], Evidence], model: Model, four: Floats64, warm_to_cool: Floats64
 ) -> None:
     evidence = seen(four)
 
@@ -92,10 +90,10 @@ def test_without_edges_of_shadows_nothing_is_said(
 
 @pytest.mark.parametrize("lit_by_four", [False, True])
 def test_edges_and_pools_count_alike(
-    seen: Callable[[Array], Evidence],
+    seen: Callable[[Floats64], Evidence],
     model: Model,
-    four: Array,
-    warm_to_cool: Array,
+    four: Floats64,
+    warm_to_cool: Floats64,
     lit_by_four: bool,
 ) -> None:
     """What one kind of data says of a fourth lamp counts for a half where there are both."""
@@ -116,9 +114,9 @@ def test_edges_and_pools_count_alike(
 @pytest.mark.parametrize(("least", "told"), [(0.12, False), (0.08, True)])
 @pytest.mark.parametrize("turned", [1, -1])
 def test_what_bends_in_the_light_of_all_three_is_no_fourth(
-    seen: Callable[[Array], Evidence],
+    seen: Callable[[Floats64], Evidence],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     least: float,
     told: bool,
     turned: int,

@@ -6,29 +6,33 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 
-Array = NDArray[np.float64]
 Seen = Callable[..., ReducedPair]
 
 
 @pytest.fixture
-def lamps(model: Model, warm_to_cool: Array) -> Array:
+def lamps(model: Model, warm_to_cool: Floats64) -> Floats64:
     matrices = model.lamp_matrix(warm_to_cool[[0, 2]])
     return np.asarray(matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True))
 
 
 @pytest.fixture
 def seen(
-    pair_of: Callable[..., Any], flash_part: Array, shares_of: Callable[[int], Array], model: Model
+    pair_of: Callable[..., Any],
+    flash_part: Floats64,
+    shares_of: Callable[[int], Floats64],
+    model: Model,
 ) -> Seen:
     """Light of lamps, some of it mirrored, and some of the flash's beside it."""
 
-    def of(matrices: Array, gloss: float, of_flash: float = 0.0, noise: float = 0.0) -> ReducedPair:
+    def of(
+        matrices: Floats64, gloss: float, of_flash: float = 0.0, noise: float = 0.0
+    ) -> ReducedPair:
         height, width = flash_part.shape[:2]
         shine = np.zeros((height, width, 1))
         shine[::4, ::4] = gloss
@@ -52,7 +56,7 @@ def seen(
 @pytest.mark.parametrize("of_flash", [0.0, 0.05])
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 def test_mirrored_light_of_one_lamp_is_gloss(
-    seen: Seen, lamps: Array, model: Model, gloss: float, of_flash: float, noise: float
+    seen: Seen, lamps: Floats64, model: Model, gloss: float, of_flash: float, noise: float
 ) -> None:
     reduced = seen(lamps[:1], gloss, of_flash, noise)
 
@@ -62,7 +66,7 @@ def test_mirrored_light_of_one_lamp_is_gloss(
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 @pytest.mark.parametrize("gloss", [0.0, 0.02])
 def test_light_of_two_lamps_is_none(
-    seen: Seen, lamps: Array, model: Model, noise: float, gloss: float
+    seen: Seen, lamps: Floats64, model: Model, noise: float, gloss: float
 ) -> None:
     reduced = seen(lamps, gloss, 0.0, noise)
     mean = lamps.mean(axis=0, keepdims=True)
@@ -71,7 +75,7 @@ def test_light_of_two_lamps_is_none(
         assert not is_gloss(reduced, one, lamps, model.flash_white)
 
 
-def test_what_gloss_leaves_over_is_no_gloss(seen: Seen, lamps: Array, model: Model) -> None:
+def test_what_gloss_leaves_over_is_no_gloss(seen: Seen, lamps: Floats64, model: Model) -> None:
     """Two lamps neither of which is there explain nothing better."""
     reduced = seen(lamps, 0.0)
     wrong = np.stack([lamps[0], lamps[0]])
@@ -80,7 +84,7 @@ def test_what_gloss_leaves_over_is_no_gloss(seen: Seen, lamps: Array, model: Mod
 
 
 def test_the_strength_of_the_flash_on_white_tells_nothing(
-    seen: Seen, lamps: Array, model: Model
+    seen: Seen, lamps: Floats64, model: Model
 ) -> None:
     reduced = seen(lamps[:1], 0.1)
 
@@ -90,7 +94,7 @@ def test_the_strength_of_the_flash_on_white_tells_nothing(
 
 @pytest.mark.parametrize(("every", "gloss"), [(4, True), (3, False)])
 def test_few_pixels_that_are_far_off_tell_nothing(
-    seen: Seen, lamps: Array, model: Model, every: int, gloss: bool
+    seen: Seen, lamps: Floats64, model: Model, every: int, gloss: bool
 ) -> None:
     """Each counts 0.0025 at most: of a 16th of the light less than 2e-4, of a ninth more."""
     reduced = seen(lamps[:1], 0.1)

@@ -4,21 +4,19 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.evidence import evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin, nothing_known
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture
-def known(model: Model, surfaces: Array) -> Callable[[Array, Array], Known]:
+def known(model: Model, surfaces: Floats64) -> Callable[[Floats64, Floats64], Known]:
     """Pin some lamps and forbid some, given by their coefficients."""
 
-    def of_lamps(pinned: Array, forbidden: Array) -> Known:
+    def of_lamps(pinned: Floats64, forbidden: Floats64) -> Known:
         pins = [
             fit_pin(evidence_of_surfaces(surfaces, surfaces @ matrix.T), model, True)
             for matrix in model.lamp_matrix(pinned)
@@ -30,7 +28,7 @@ def known(model: Model, surfaces: Array) -> Callable[[Array, Array], Known]:
     return of_lamps
 
 
-def turned(model: Model, coefficients: Array, degrees: float) -> Array:
+def turned(model: Model, coefficients: Floats64, degrees: float) -> Floats64:
     """A matrix (3, 3) whose white card differs by an angle from that of a lamp."""
     white = model.lamp_matrix(coefficients) @ model.flash_white
     white = white / np.linalg.norm(white)
@@ -43,7 +41,7 @@ def turned(model: Model, coefficients: Array, degrees: float) -> Array:
 
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_pin_is_the_lamp_that_the_surfaces_show(
-    model: Model, surfaces: Array, warm_to_cool: Array, which: int, off: Callable[..., float]
+    model: Model, surfaces: Floats64, warm_to_cool: Floats64, which: int, off: Callable[..., float]
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[which])
     pin = fit_pin(evidence_of_surfaces(surfaces, 3 * surfaces @ true.T), model, True)
@@ -52,7 +50,7 @@ def test_a_pin_is_the_lamp_that_the_surfaces_show(
 
 
 def test_of_few_colours_the_prior_tells_the_rest(
-    model: Model, surfaces: Array, warm_to_cool: Array
+    model: Model, surfaces: Floats64, warm_to_cool: Floats64
 ) -> None:
     """One surface tells a lamp's colour; its matrix is then the model's own."""
     theta = model.prior.coordinates(model.lamp_matrix(warm_to_cool[:1]))
@@ -75,9 +73,9 @@ def test_of_few_colours_the_prior_tells_the_rest(
     ("degrees", "near"), [(0.0, True), (2.9, True), (3.1, False), (20.0, False)]
 )
 def test_lights_near_a_forbidden_one_are_forbidden(
-    known: Callable[[Array, Array], Known],
+    known: Callable[[Floats64, Floats64], Known],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     degrees: float,
     near: bool,
 ) -> None:
@@ -88,7 +86,7 @@ def test_lights_near_a_forbidden_one_are_forbidden(
 
 
 def test_a_fence_stands_about_forbidden_lamps(
-    known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
+    known: Callable[[Floats64, Floats64], Known], model: Model, warm_to_cool: Floats64
 ) -> None:
     """3000 in the middle, nothing beyond 3.4°, nothing for pinned lamps; its gradient is true."""
     it = known(warm_to_cool[[1]], warm_to_cool[[0]])
@@ -112,7 +110,7 @@ def test_a_fence_stands_about_forbidden_lamps(
 
 
 def test_fences_of_all_lamps_and_lights_add_up(
-    known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
+    known: Callable[[Floats64, Floats64], Known], model: Model, warm_to_cool: Floats64
 ) -> None:
     """Of lamps of any length and sign, whose gradients are true."""
     near = warm_to_cool[0] + [0.0, 0.02, 0.0]
@@ -142,7 +140,7 @@ def test_fences_of_all_lamps_and_lights_add_up(
 
 
 def test_pinned_lamps_are_not_held_against_a_fit(
-    known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
+    known: Callable[[Floats64, Floats64], Known], model: Model, warm_to_cool: Floats64
 ) -> None:
     it = known(warm_to_cool[:1], warm_to_cool[:1])
     matrices = model.lamp_matrix(warm_to_cool)
@@ -152,7 +150,7 @@ def test_pinned_lamps_are_not_held_against_a_fit(
 
 
 def test_a_pinned_lamp_takes_the_place_of_the_nearest(
-    known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
+    known: Callable[[Floats64, Floats64], Known], model: Model, warm_to_cool: Floats64
 ) -> None:
     it = known(warm_to_cool[[1]], warm_to_cool[:0])
     others = model.lamp_matrix(warm_to_cool + np.array([0.02, 0.0, -0.02]))

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.minimum import minimum
-
-Array = NDArray[np.float64]
 
 EXACT = 2e-9
 
 
-def rosenbrock(x: Array) -> tuple[float, Array]:
+def rosenbrock(x: Floats64) -> tuple[float, Floats64]:
     """Rosenbrock's curved valley, lowest at 1, 1, …."""
     rise, off = x[1:] - x[:-1] ** 2, 1.0 - x[:-1]
     gradient = np.zeros_like(x)
@@ -30,7 +28,7 @@ def test_a_square_of_n_variables_takes_little_more_than_n_steps() -> None:
     scales = np.array([1.0, 10.0, 100.0])
     calls = []
 
-    def square(x: Array) -> tuple[float, Array]:
+    def square(x: Floats64) -> tuple[float, Floats64]:
         calls.append(x)
         return float(0.5 * scales @ (x - 2.0) ** 2), scales * (x - 2.0)
 
@@ -42,7 +40,7 @@ def test_a_square_of_n_variables_takes_little_more_than_n_steps() -> None:
 def test_what_is_known_of_the_function_makes_a_search_shorter() -> None:
     calls = []
 
-    def counted(x: Array) -> tuple[float, Array]:
+    def counted(x: Floats64) -> tuple[float, Floats64]:
         calls.append(x)
         return rosenbrock(x)
 
@@ -71,7 +69,7 @@ def test_ends_after_the_steps_that_it_is_given_and_lower_with_each() -> None:
 
 @pytest.mark.parametrize("start", [0.1, 3.0, 50.0])
 def test_steps_back_from_where_there_is_no_value(start: float) -> None:
-    def barrier(x: Array) -> tuple[float, Array]:
+    def barrier(x: Floats64) -> tuple[float, Floats64]:
         if x[0] <= 0:
             return np.inf, np.zeros(1)
         return float(x[0] - np.log(x[0])), 1.0 - 1.0 / x

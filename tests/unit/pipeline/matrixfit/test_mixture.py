@@ -5,24 +5,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.mixture import blocks, mixture
 from tests.definitions.mixture import plain_mixture
-
-Array = NDArray[np.float64]
 
 GREY = np.full(3, 1 / 3)
 CORNERS = ((0.2, 0.3), (0.5, 0.4), (0.3, 0.6))
 S = 0.01
 
 
-def lamp(corner: tuple[float, float]) -> Array:
+def lamp(corner: tuple[float, float]) -> Floats64:
     """The diagonal matrix whose light on grey has that chromaticity."""
     return 3 * np.diag([*corner, 1 - sum(corner)])
 
 
-def arguments(matrices: Array, x: Array, **more: Any) -> dict[str, Any]:
+def arguments(matrices: Floats64, x: Floats64, **more: Any) -> dict[str, Any]:
     """What the mixture takes, by default for data that are isotropic already."""
     given: dict[str, Any] = {
         "whitener": np.tile(np.eye(2), (len(x), 1, 1)),
@@ -38,8 +36,8 @@ def arguments(matrices: Array, x: Array, **more: Any) -> dict[str, Any]:
 
 
 def evaluate(
-    matrices: Array, x: Array, u: Array, weights: Array, **more: Any
-) -> tuple[float, Array, Array]:
+    matrices: Floats64, x: Floats64, u: Floats64, weights: Floats64, **more: Any
+) -> tuple[float, Floats64, Floats64]:
     """Value, gradient and counts."""
     given = arguments(matrices, x, **more)
     power = given["area_power"]
@@ -49,7 +47,9 @@ def evaluate(
     return value, gradient, counts
 
 
-def assert_as_defined(matrices: Array, x: Array, u: Array, weights: Array, **more: Any) -> None:
+def assert_as_defined(
+    matrices: Floats64, x: Floats64, u: Floats64, weights: Floats64, **more: Any
+) -> None:
     value, gradient, counts = evaluate(matrices, x, u, weights, **more)
 
     expected = plain_mixture(matrices, x=x, u=u, weights=weights, **arguments(matrices, x, **more))
@@ -180,7 +180,7 @@ def test_a_line_and_corners_integrate_to_one() -> None:
 
 def random_case(
     lamps: int, interior: bool, mirrors: bool, n: int = 30
-) -> tuple[Array, Array, dict[str, Any]]:
+) -> tuple[Floats64, Floats64, dict[str, Any]]:
     rng = np.random.default_rng(10 * lamps + interior)
     size = lamps + lamps * (lamps - 1) // 2 + mirrors * lamps + interior + 1
     skew = rng.normal(0, 0.2, (n, 2, 2))

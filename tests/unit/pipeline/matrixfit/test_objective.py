@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
@@ -21,8 +21,6 @@ from pipeline.matrixfit.objective import (
     without_mirrors,
 )
 from pipeline.vectors import unit
-
-Array = NDArray[np.float64]
 
 LIGHTS = np.array([[0.8, 0.5, 0.2], [0.4, 0.6, 0.7], [0.4, 0.8, 0.3]])
 PURE = 0.02
@@ -53,12 +51,12 @@ def seen(
     return Evidence(pixels, differences, terminators, pools, 0.1, 0.0)
 
 
-def open_field(matrices: Array) -> tuple[float, Array]:
+def open_field(matrices: Floats64) -> tuple[float, Floats64]:
     """No place where lamps may not be."""
     return 0.0, np.zeros_like(matrices)
 
 
-def pure(data: Data, matrix: Array) -> Data:
+def pure(data: Data, matrix: Floats64) -> Data:
     """The same surfaces, lit by one lamp."""
     light = data.x @ matrix.T
     u = light[:, :2] / light.sum(axis=1, keepdims=True)
@@ -112,7 +110,7 @@ def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
     terms = [Whitened(term, 0.005) for term in made]
     weights = [term.weights for term in made]
 
-    def value(lights: Array) -> float:
+    def value(lights: Floats64) -> float:
         theta = model.prior.coordinates(model.lamp_matrix(lights))
         return posterior(theta, model.prior, terms, weights, [], open_field)[0]
 

@@ -5,32 +5,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit import pools
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import gather_evidence
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
-
-Array = NDArray[np.float64]
 
 NEAR, FAR = np.array([0.3, 0.2, 0.1]), np.array([0.2, 0.3, 0.3])
 ACROSS = np.arange(WIDTH, dtype=float)[None, :, None] * np.ones((HEIGHT, 1, 1))
 DOWN = np.arange(HEIGHT, dtype=float)[:, None, None] * np.ones((1, WIDTH, 1))
 
 
-def pool(height: float = 8.0, at: tuple[float, float] = (WIDTH / 2, HEIGHT / 2)) -> Array:
+def pool(height: float = 8.0, at: tuple[float, float] = (WIDTH / 2, HEIGHT / 2)) -> Floats64:
     """What a lamp so many pixels before a wall gives it, 1 at most: (H, W, 1)."""
     squared = (ACROSS - at[0]) ** 2 + (DOWN - at[1]) ** 2
     return (1.0 + squared / height**2) ** -1.5
 
 
-def slope() -> Array:
+def slope() -> Floats64:
     """What a lamp far away gives it: ever more, not bent at all."""
     return 0.6 + 0.3 * ACROSS / WIDTH
 
 
-def shown(light: Array, flash: Array | None = None, **more: Any) -> Data:
+def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Data:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
     return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more), True).pools
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.matrixfit import search as search_module
 from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
@@ -18,13 +18,12 @@ from pipeline.matrixfit.objective import make_terms
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.pair.reduced import reduce_pair
 
-Array = NDArray[np.float64]
-Off = Callable[[Array, Array], float]
+Off = Callable[[Floats64, Floats64], float]
 
 
 @pytest.fixture
 def problem(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> Callable[[int], Problem]:
     """Pose the problem of finding the lamps behind shadows."""
 
@@ -39,7 +38,7 @@ def problem(
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
 def test_the_likeliest_of_the_candidates_are_found(
-    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, lamps: int, off: Off
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Floats64, lamps: int, off: Off
 ) -> None:
     """Wrong candidates stand before the true ones, which are a little off."""
     true = model.lamp_matrix(warm_to_cool[:lamps])
@@ -57,14 +56,14 @@ def test_the_likeliest_of_the_candidates_are_found(
 def test_rounds_begin_with_what_is_known_and_searches_get_more_exact(
     problem: Callable[[int], Problem],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Three rounds each: of a start, and at three levels."""
     asked = []
 
     def recorded(
-        function: Any, start: Array, steps: int, precision: float, first: float, inverse: Any
+        function: Any, start: Floats64, steps: int, precision: float, first: float, inverse: Any
     ) -> Any:
         asked.append((precision, inverse is not None))
         return minimum(function, start, steps, precision, first, inverse)
@@ -80,7 +79,7 @@ def test_rounds_begin_with_what_is_known_and_searches_get_more_exact(
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
 def test_fewer_candidates_than_lamps_are_taken_more_than_once(
-    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, lamps: int, off: Off
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Floats64, lamps: int, off: Off
 ) -> None:
     found, _ = search(problem(lamps), model.lamp_matrix(warm_to_cool[:1]))
 
@@ -89,7 +88,7 @@ def test_fewer_candidates_than_lamps_are_taken_more_than_once(
 
 
 def test_of_starts_the_one_is_followed_that_leads_to_the_likeliest(
-    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, off: Off
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Floats64, off: Off
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[:2])
     alike = np.repeat(model.lamp_matrix(warm_to_cool.mean(axis=0))[None], 2, axis=0)
@@ -105,7 +104,7 @@ def test_of_starts_the_one_is_followed_that_leads_to_the_likeliest(
 
 
 def test_the_scale_of_a_start_does_not_matter(
-    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Floats64
 ) -> None:
     start = model.lamp_matrix(warm_to_cool[:2] + 0.02)
     posed = problem(2)
@@ -118,7 +117,7 @@ def test_the_scale_of_a_start_does_not_matter(
 def test_what_explains_a_sample_best_is_tried_first(
     problem: Callable[[int], Problem],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
 ) -> None:
@@ -136,8 +135,8 @@ def test_what_explains_a_sample_best_is_tried_first(
 def test_pinned_lamps_come_first_and_are_held(
     problem: Callable[[int], Problem],
     model: Model,
-    surfaces: Array,
-    warm_to_cool: Array,
+    surfaces: Floats64,
+    warm_to_cool: Floats64,
     off: Off,
 ) -> None:
     """Also one that the evidence does not show."""
@@ -153,7 +152,7 @@ def test_pinned_lamps_come_first_and_are_held(
 
 
 def test_no_free_lamp_ends_at_a_forbidden_one(
-    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, off: Off
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Floats64, off: Off
 ) -> None:
     true = model.lamp_matrix(warm_to_cool[:2])
     others = model.lamp_matrix(np.array([[0.6, 0.7, 0.4], [0.5, 0.8, 0.2]]))

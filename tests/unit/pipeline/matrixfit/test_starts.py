@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.lamps.model import Model
 from pipeline.matrixfit import starts
@@ -17,19 +17,20 @@ from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 
-Array = NDArray[np.float64]
-
 SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
 
 
-def off(candidates: Array, lamps: Array) -> Array:
+def off(candidates: Floats64, lamps: Floats64) -> Floats64:
     """Angle in degrees from each lamp to the nearest candidate."""
     return np.asarray(np.degrees(np.arccos(np.clip(lamps @ candidates.T, -1, 1))).min(axis=1))
 
 
 @pytest.mark.parametrize("which", SETS)
 def test_the_true_lamps_are_among_the_candidates(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, which: tuple[int, ...]
+    shadowed: Callable[[Floats64], Any],
+    model: Model,
+    warm_to_cool: Floats64,
+    which: tuple[int, ...],
 ) -> None:
     true = warm_to_cool[list(which)]
     evidence = gather_evidence(reduce_pair(shadowed(true)), False)
@@ -43,7 +44,7 @@ def test_the_true_lamps_are_among_the_candidates(
 
 @pytest.mark.parametrize("which", [(0, 2), (0, 1, 2)])
 def test_without_shadows_the_outermost_pixels_tell(
-    exact: Callable[..., Any], model: Model, warm_to_cool: Array, which: tuple[int, ...]
+    exact: Callable[..., Any], model: Model, warm_to_cool: Floats64, which: tuple[int, ...]
 ) -> None:
     true = warm_to_cool[list(which)]
     evidence = gather_evidence(reduce_pair(exact(true)[0]), False)
@@ -53,7 +54,7 @@ def test_without_shadows_the_outermost_pixels_tell(
 
 
 def test_pools_of_light_are_candidates(
-    exact: Callable[..., Any], model: Model, warm_to_cool: Array
+    exact: Callable[..., Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     evidence = gather_evidence(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), False)
     between = unit(0.7 * warm_to_cool[0] + 0.3 * warm_to_cool[2])
@@ -71,7 +72,7 @@ def test_pools_of_light_are_candidates(
 
 
 def test_candidates_are_unlike_each_other(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
 
@@ -82,7 +83,7 @@ def test_candidates_are_unlike_each_other(
 
 
 def test_candidates_are_the_same_every_time(
-    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
 
@@ -92,7 +93,7 @@ def test_candidates_are_the_same_every_time(
 
 
 def test_invariants_of_one_lamp_are_its_coefficients(
-    exact: Callable[..., Any], model: Model, warm_to_cool: Array
+    exact: Callable[..., Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     evidence = gather_evidence(reduce_pair(exact(warm_to_cool[1])[0]), False)
 
@@ -106,9 +107,9 @@ def test_invariants_of_one_lamp_are_its_coefficients(
 def test_a_model_that_makes_no_sense_of_any_pixel_is_an_error(
     exact: Callable[..., Any],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
-    gammas: Array,
+    gammas: Floats64,
 ) -> None:
     """No pixel can be solved, or all are solved and have no middle."""
     evidence = gather_evidence(reduce_pair(exact(warm_to_cool)[0]), False)

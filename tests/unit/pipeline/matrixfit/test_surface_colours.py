@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.surface_colours import scatter_within_colours
 from tests.reduced_pairs import reduced_pair
-
-Array = NDArray[np.float64]
 
 HEIGHT, WIDTH, TILE = 60, 80, 5
 ONE = np.diag([0.9, 0.7, 0.4])[None]
 
 
-def paints(seed: int = 0, kinds: int = 24) -> tuple[Array, Array]:
+def paints(seed: int = 0, kinds: int = 24) -> tuple[Floats64, Floats64]:
     """Flash part (H, W, 3) of tiles of so many colours, and how far each is off the matrix."""
     rng = np.random.default_rng(seed)
     rows, columns = HEIGHT // TILE, WIDTH // TILE
     places = rng.permutation(rows * columns).reshape(rows, columns) % kinds
     colours = rng.uniform(0.1, 1, (kinds, 3))[places]
-    flash: Array = np.kron(colours, np.ones((TILE, TILE, 1))).astype(np.float64)
+    flash: Floats64 = np.kron(colours, np.ones((TILE, TILE, 1))).astype(np.float64)
     return flash, 1 + 0.1 * np.sin(6 * flash / flash.sum(axis=2, keepdims=True))
 
 
-def shade() -> Array:
+def shade() -> Floats64:
     """From .3 on the left to 1 on the right, (1, W, 1)."""
     return np.linspace(0.3, 1, WIDTH)[None, :, None]
 

@@ -4,29 +4,27 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
-
-Array = NDArray[np.float64]
 
 LAMP, REST = np.array([0.3, 0.2, 0.1]), np.array([0.2, 0.3, 0.3])
 ACROSS = np.arange(WIDTH, dtype=float)[None, :, None] * np.ones((HEIGHT, 1, 1))
 MIDDLE = WIDTH // 2
 
 
-def falling(towards: float = MIDDLE) -> Array:
+def falling(towards: float = MIDDLE) -> Floats64:
     """What a lamp gives a surface that turns away from it, nothing from a column on: (H, W, 1)."""
     return np.maximum(towards - ACROSS, 0.0) / MIDDLE
 
 
-def rising() -> Array:
+def rising() -> Floats64:
     """What another lamp gives it meanwhile: ever more, evenly bent."""
     return 0.6 + 0.3 * ACROSS / WIDTH + 0.1 * (ACROSS / WIDTH) ** 2
 
 
-def shown(light: Array, flash: Array | None = None, **more: Any) -> Evidence:
+def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Evidence:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
     return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more), True)
 

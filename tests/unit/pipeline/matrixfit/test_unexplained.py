@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
@@ -19,8 +18,6 @@ from pipeline.matrixfit.unexplained import (
     unexplained,
 )
 from pipeline.pair.reduced import ReducedPair
-
-Array = NDArray[np.float64]
 
 GREY = np.full(3, 1 / 3)
 CORNERS = ((0.2, 0.2), (0.6, 0.2), (0.2, 0.6))

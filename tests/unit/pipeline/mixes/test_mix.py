@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
@@ -22,17 +22,16 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.matrices import best_matrix
 
-Array = NDArray[np.float64]
 SRGB_TO_XYZ = np.linalg.inv(XYZ_TO_SRGB)
 
 
 @pytest.fixture
-def lamps(lamps_of: Callable[..., Lamps], warm_to_cool: Array) -> Lamps:
+def lamps(lamps_of: Callable[..., Lamps], warm_to_cool: Floats64) -> Lamps:
     return lamps_of(warm_to_cool[[0, 2]])
 
 
 @pytest.fixture
-def layers(lamps: Lamps, model: Model) -> NDArray[np.float32]:
+def layers(lamps: Lamps, model: Model) -> Floats32:
     """Both lamps on a white card, one half as bright; then a grey one and a black one."""
     whites = lamps.matrices @ model.flash_white
     whites = whites / whites[:, 1:2] * [[0.25], [0.125]]
@@ -40,11 +39,11 @@ def layers(lamps: Lamps, model: Model) -> NDArray[np.float32]:
 
 
 @pytest.fixture
-def basis(layers: NDArray[np.float32], lamps: Lamps, model: Model) -> MixBasis:
+def basis(layers: Floats32, lamps: Lamps, model: Model) -> MixBasis:
     return mix_basis(layers.sum(axis=0), lamps, model)
 
 
-def one(basis: MixBasis, layers: NDArray[np.float32], **settings: Any) -> Array:
+def one(basis: MixBasis, layers: Floats32, **settings: Any) -> Floats64:
     """CIE XYZ of the white card under the first lamp alone."""
     mix = Mix(lamps=[LampMix(**settings), LampMix(on=False)])
     found = mixed(layers, mix_matrices(basis, mix))[0, 0]
@@ -52,7 +51,7 @@ def one(basis: MixBasis, layers: NDArray[np.float32], **settings: Any) -> Array:
 
 
 def test_neutral_settings_give_the_photograph_as_it_is_shown(
-    basis: MixBasis, layers: NDArray[np.float32], model: Model
+    basis: MixBasis, layers: Floats32, model: Model
 ) -> None:
     photograph = layers.sum(axis=0)
     to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
@@ -65,7 +64,7 @@ def test_neutral_settings_give_the_photograph_as_it_is_shown(
 
 @pytest.mark.parametrize("scale", [1e-4, 6e4])
 def test_layers_of_any_scale_are_mixed_as_exactly(
-    layers: NDArray[np.float32], lamps: Lamps, model: Model, scale: float
+    layers: Floats32, lamps: Lamps, model: Model, scale: float
 ) -> None:
     photograph = np.float32(scale) * layers.sum(axis=0)
     to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
@@ -77,7 +76,7 @@ def test_layers_of_any_scale_are_mixed_as_exactly(
     np.testing.assert_allclose(found[0], exact, rtol=0, atol=1e-6 * np.abs(exact).max())
 
 
-def test_stops_gels_and_switches_are_factors(basis: MixBasis, layers: NDArray[np.float32]) -> None:
+def test_stops_gels_and_switches_are_factors(basis: MixBasis, layers: Floats32) -> None:
     plain, brighter = one(basis, layers), one(basis, layers, ev=1.5)
     np.testing.assert_allclose(brighter, 2**1.5 * plain, rtol=1e-5)
     assert not one(basis, layers, on=False, ev=3).any()
@@ -86,7 +85,7 @@ def test_stops_gels_and_switches_are_factors(basis: MixBasis, layers: NDArray[np
 
 
 def test_a_neutral_lamp_has_the_colour_of_the_neutral_light_and_its_green(
-    basis: MixBasis, layers: NDArray[np.float32], model: Model
+    basis: MixBasis, layers: Floats32, model: Model
 ) -> None:
     found = one(basis, layers, neutral=True)
 
@@ -98,7 +97,7 @@ def test_a_neutral_lamp_has_the_colour_of_the_neutral_light_and_its_green(
 @pytest.mark.parametrize("neutral", [False, True])
 @pytest.mark.parametrize(("kelvin", "tint"), [(2700.0, 0.0), (6500.0, 30.0), (12000.0, -30.0)])
 def test_a_temperature_is_that_of_the_light_and_keeps_its_brightness(
-    basis: MixBasis, layers: NDArray[np.float32], neutral: bool, kelvin: float, tint: float
+    basis: MixBasis, layers: Floats32, neutral: bool, kelvin: float, tint: float
 ) -> None:
     before = one(basis, layers, neutral=neutral)
 
@@ -114,7 +113,7 @@ def test_a_temperature_is_that_of_the_light_and_keeps_its_brightness(
 @pytest.mark.parametrize("neutral", [False, True])
 @pytest.mark.parametrize("kelvin", [1000.0, 2500.0, 3500.0])
 def test_a_tint_that_no_light_has_takes_no_light_away(
-    basis: MixBasis, layers: NDArray[np.float32], neutral: bool, kelvin: float
+    basis: MixBasis, layers: Floats32, neutral: bool, kelvin: float
 ) -> None:
     before = one(basis, layers, neutral=neutral)
 
@@ -125,9 +124,7 @@ def test_a_tint_that_no_light_has_takes_no_light_away(
     assert found[1] == pytest.approx(before[1], rel=0.04)
 
 
-def test_a_lamps_own_temperature_changes_nothing(
-    basis: MixBasis, layers: NDArray[np.float32]
-) -> None:
+def test_a_lamps_own_temperature_changes_nothing(basis: MixBasis, layers: Floats32) -> None:
     plain = one(basis, layers)
     own = cct_duv(plain, np.eye(3))
     assert own is not None
@@ -162,7 +159,7 @@ def test_a_lamp_without_a_white_to_adapt_from_gets_the_temperature_of_the_neutra
     card = np.array([[whites_of(lamps, model)[0]]], np.float32)
     basis = mix_basis(card, lamps, model)
 
-    def lit(**settings: Any) -> Array:
+    def lit(**settings: Any) -> Floats64:
         mix = Mix(lamps=[LampMix(**settings)])
         return np.asarray(SRGB_TO_XYZ @ (mix_matrices(basis, mix)[0] @ card[0, 0]), np.float64)
 

@@ -9,9 +9,9 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline.arrays import Floats32
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode import jpeg
 from pipeline.encode.exr import write_exr
@@ -28,26 +28,26 @@ TWO = Mix(lamps=[LampMix(ev=-1), LampMix(rgb=(2.0, 1.0, 0.5))])
 
 
 @pytest.fixture
-def layers() -> NDArray[np.float32]:
+def layers() -> Floats32:
     """Smooth, so that JPEG keeps them; higher than a strip."""
     x, y = np.meshgrid(np.linspace(0, 0.4, 40), np.linspace(0, 0.4, 150))
     return np.stack([np.stack([x, y, x], -1), np.stack([y, y, 0.4 - x], -1)]).astype(np.float32)
 
 
 @pytest.fixture
-def folder(tmp_path: Path, layers: NDArray[np.float32]) -> Path:
+def folder(tmp_path: Path, layers: Floats32) -> Path:
     write_exr(tmp_path / "layers.exr", {"lamp1": layers[0], "lamp2": layers[1]})
     (tmp_path / "manifest.json").write_text(json.dumps({"mix": BASIS}))
     return tmp_path
 
 
 @pytest.fixture
-def wanted(layers: NDArray[np.float32]) -> NDArray[np.float32]:
+def wanted(layers: Floats32) -> Floats32:
     """The mix TWO, linear sRGB."""
     return np.asarray(0.5 * layers[0] + layers[1] * [2, 1, 0.5], np.float32)
 
 
-def test_an_exr_holds_the_sum(folder: Path, wanted: NDArray[np.float32]) -> None:
+def test_an_exr_holds_the_sum(folder: Path, wanted: Floats32) -> None:
     mix_files(folder, TWO, folder / "mix.exr", Progress())
 
     channels = OpenEXR.File(str(folder / "mix.exr"), separate_channels=True).channels()
@@ -56,7 +56,7 @@ def test_an_exr_holds_the_sum(folder: Path, wanted: NDArray[np.float32]) -> None
     np.testing.assert_allclose(found, wanted, rtol=2**-11, atol=1e-6)
 
 
-def test_a_jpeg_shows_it(folder: Path, wanted: NDArray[np.float32]) -> None:
+def test_a_jpeg_shows_it(folder: Path, wanted: Floats32) -> None:
     mix_files(folder, TWO, folder / "mix.jpeg", Progress())
 
     with PillowImage.open(folder / "mix.jpeg") as picture:
@@ -65,7 +65,7 @@ def test_a_jpeg_shows_it(folder: Path, wanted: NDArray[np.float32]) -> None:
     assert np.abs(away).mean() < 1
 
 
-def test_a_tiff_has_it_in_rec_2020(folder: Path, wanted: NDArray[np.float32]) -> None:
+def test_a_tiff_has_it_in_rec_2020(folder: Path, wanted: Floats32) -> None:
     mix_files(folder, TWO, folder / "mix.TIF", Progress())
 
     linear = (wanted @ (XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)).T).clip(0, 1)
@@ -199,9 +199,7 @@ def test_layers_that_break_off_leave_no_picture(
     assert capfd.readouterr() == ("", "")
 
 
-def test_layers_of_another_photograph_are_refused(
-    folder: Path, layers: NDArray[np.float32]
-) -> None:
+def test_layers_of_another_photograph_are_refused(folder: Path, layers: Floats32) -> None:
     write_exr(folder / "layers.exr", {"lamp1": layers[0]})
     with pytest.raises(InputError, match="lacks a layer"):
         mix_files(folder, TWO, folder / "mix.jpg", Progress())

@@ -5,13 +5,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.pair import align
 from pipeline.pair.align import NOT_ATTEMPTED, Alignment, _to_size, estimate_alignment, warp
 
-Image = NDArray[np.float32]
-Array = NDArray[np.float64]
+Image = Floats32
 
 HEIGHT, WIDTH, MARGIN = 240, 320, 60
 
@@ -35,7 +34,7 @@ def surfaces(seed: int = 0) -> Image:
     return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.7), dtype=np.float32)
 
 
-def moved(canvas: Image, matrix: NDArray[np.floating]) -> Image:
+def moved(canvas: Image, matrix: Floats) -> Image:
     """What the camera sees of the canvas: pixel x shows the canvas where matrix @ x lies."""
     into = np.array([[1, 0, MARGIN], [0, 1, MARGIN], [0, 0, 1.0]]) @ matrix
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -58,13 +57,13 @@ def by_flash(picture: Image) -> Image:
     )
 
 
-def about_the_middle(matrix: Array) -> Array:
+def about_the_middle(matrix: Floats64) -> Floats64:
     """The motion around the middle of the picture."""
     there = np.array([[1, 0, WIDTH / 2], [0, 1, HEIGHT / 2], [0, 0, 1.0]])
     return np.asarray(there @ matrix @ np.linalg.inv(there))
 
 
-def turn(degrees: float, x: float = 0.0, y: float = 0.0) -> Array:
+def turn(degrees: float, x: float = 0.0, y: float = 0.0) -> Floats64:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return about_the_middle(np.array([[c, -s, x], [s, c, y], [0, 0, 1]]))
 
@@ -74,7 +73,7 @@ TURN = turn(1.5, 3.0, 2.0)
 TILT = about_the_middle(np.array([[1.01, 0.012, 4], [-0.008, 0.99, -3], [1.2e-4, -9e-5, 1]]))
 
 
-def where(matrix: Array) -> Array:
+def where(matrix: Floats64) -> Floats64:
     """Where the matrix takes a grid of points, (n, 2)."""
     y, x = np.mgrid[20 : HEIGHT - 20 : 40, 20 : WIDTH - 20 : 40]
     points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1) @ matrix.T
@@ -86,7 +85,7 @@ def where(matrix: Array) -> Array:
     [SHIFT, TURN, TILT, turn(0, 40, -30), turn(2.6, 5, -8), turn(-3.3, -20, 10)],
     ids=["shift", "turn", "tilt", "far shift", "wide turn", "far and wide"],
 )
-def test_known_motions_are_found_within_a_pixel(motion: Array) -> None:
+def test_known_motions_are_found_within_a_pixel(motion: Floats64) -> None:
     canvas = surfaces()
     no_flash = by_lamps(moved(canvas, np.eye(3)))
     flash = by_flash(moved(canvas, np.linalg.inv(motion)))
@@ -101,7 +100,7 @@ def test_known_motions_are_found_within_a_pixel(motion: Array) -> None:
 
 
 @pytest.mark.parametrize("motion", [np.eye(3), turn(0, 2, 1), turn(-1.2, 15, 6)])
-def test_a_motion_is_found_by_a_few_things_before_a_plain_wall(motion: Array) -> None:
+def test_a_motion_is_found_by_a_few_things_before_a_plain_wall(motion: Floats64) -> None:
     canvas = np.full((HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN, 3), 0.6, np.float32)
     for x, y, radius in ((140, 240, 30), (250, 230, 40), (330, 260, 22)):
         cv2.circle(canvas, (x, y), radius, (0.1, 0.3, 0.5), -1, cv2.LINE_AA)
@@ -301,7 +300,7 @@ def test_small_motions_are_found(pixels: float) -> None:
 
 
 @pytest.mark.parametrize("motion", [SHIFT, TURN], ids=["shift", "turn"])
-def test_known_motions_are_found_within_an_eighth_of_a_pixel(motion: Array) -> None:
+def test_known_motions_are_found_within_an_eighth_of_a_pixel(motion: Floats64) -> None:
     canvas = surfaces()
     no_flash = by_lamps(moved(canvas, np.eye(3)))
     flash = by_flash(moved(canvas, np.linalg.inv(motion)))
@@ -409,7 +408,7 @@ def ball_before_black(flash: float) -> tuple[Image, Image]:
     hit = np.hypot(u, v) < 1
     normals = np.stack([u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0))], axis=-1)
 
-    def lit(towards: tuple[float, float, float], colour: list[float]) -> Array:
+    def lit(towards: tuple[float, float, float], colour: list[float]) -> Floats64:
         shade = np.maximum(normals @ (np.array(towards) / np.linalg.norm(towards)), 0) * hit
         small = cv2.resize(shade, (240, 240), interpolation=cv2.INTER_AREA)
         return np.asarray(small[..., None] * colour)

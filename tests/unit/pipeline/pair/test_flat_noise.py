@@ -3,13 +3,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
 from pipeline.pair.flat_noise import _open_blocks, estimate_noises
 
-Image = NDArray[np.float32]
-Array = NDArray[np.float64]
+Image = Floats32
 
 GAIN, FLOOR = 2e-4, 2e-6
 NOISE = Noise(np.full(3, GAIN), np.full(3, FLOOR))
@@ -20,12 +19,12 @@ def noise_of(photograph: Image) -> Noise:
     return estimate_noises(photograph, np.zeros_like(photograph))[0]
 
 
-def wedge(height: int = 256, width: int = 256) -> Array:
+def wedge(height: int = 256, width: int = 256) -> Floats64:
     """A smooth picture from dark to bright."""
     return np.broadcast_to(np.linspace(0.02, 0.8, width)[None, :, None], (height, width, 3)).copy()
 
 
-def noisy(light: Array, seed: int = 0, gain: float = GAIN, floor: float = FLOOR) -> Image:
+def noisy(light: Floats64, seed: int = 0, gain: float = GAIN, floor: float = FLOOR) -> Image:
     """The picture with white noise of variance gain·I + floor."""
     deviation = np.sqrt(gain * light + floor)
     drawn = np.random.default_rng(seed).normal(size=light.shape)
@@ -50,7 +49,7 @@ FULL_WELL, READ_NOISE = 20_000, 5.0
 """Electrons of the sensor whose noise is to be found."""
 
 
-def counted(light: Array, exposure: float, seed: int = 0) -> Image:
+def counted(light: Floats64, exposure: float, seed: int = 0) -> Image:
     """The picture as a 14-bit sensor counts it, brought back to full exposure."""
     rng = np.random.default_rng(seed)
     electrons = rng.poisson(light * exposure * FULL_WELL) + rng.normal(0, READ_NOISE, light.shape)
@@ -126,7 +125,7 @@ def test_texture_does_not_count_as_noise() -> None:
     assert (found / (GAIN * 0.4 + FLOOR) < 1.5).all()
 
 
-def blurred(sigma: float) -> Array:
+def blurred(sigma: float) -> Floats64:
     """Noise that hangs together over some pixels, as after denoising."""
     drawn = np.random.default_rng(1).normal(0, 0.02, (256, 256, 3))
     return np.asarray(cv2.GaussianBlur(drawn, (0, 0), sigma))
@@ -164,7 +163,7 @@ MIXED = np.array([[0.8, 0.1, 0.0], [0.05, 0.7, 0.05], [0.0, 0.1, 0.6]])
 """What lamps of another colour make of a surface's three channels."""
 
 
-def textured(height: int = 256, width: int = 256, low: float = 0.05, high: float = 0.6) -> Array:
+def textured(height: int = 256, width: int = 256, low: float = 0.05, high: float = 0.6) -> Floats64:
     """Another colour in every pixel, in light that gets less to one side."""
     colours = np.random.default_rng(8).uniform(low, high, (height, width, 3))
     return np.asarray(colours * np.linspace(1.0, 0.5, width)[None, :, None])

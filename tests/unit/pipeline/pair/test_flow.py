@@ -3,16 +3,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.pair.align import NOT_ATTEMPTED, Alignment
 from pipeline.pair.flow import _MOST_SIDE, residual_flow, warp_along
 
-Image = NDArray[np.float32]
+Image = Floats32
 HEIGHT, WIDTH = 240, 320
 
 
-def patches(seed: int) -> NDArray[np.float64]:
+def patches(seed: int) -> Floats64:
     """Surfaces of many colours, (240, 320, 3)."""
     rng = np.random.default_rng(seed)
     canvas = np.full((HEIGHT, WIDTH, 3), 0.4)

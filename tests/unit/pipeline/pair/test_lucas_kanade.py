@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.pair.lucas_kanade import add_products, sampled, span
 
-Array = NDArray[np.float64]
 HEIGHT, WIDTH = 30, 40
 MATRICES = {
     "still": np.eye(3),
@@ -20,7 +20,7 @@ MATRICES = {
 }
 
 
-def in_both(matrix: Array, margin: int, inset: int) -> NDArray[np.bool_]:
+def in_both(matrix: Floats64, margin: int, inset: int) -> NDArray[np.bool_]:
     """Pixels (h, w) that span is to give, row by row."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     u, v, depth = (row[0] * x + row[1] * y + row[2] for row in matrix)
@@ -44,7 +44,7 @@ def test_spans_are_the_pixels_that_lie_in_both(kind: str, margin: int, inset: in
         np.testing.assert_array_equal(found, expected[y])
 
 
-def drawn() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def drawn() -> tuple[Floats32, Floats32]:
     one, other = np.random.default_rng(2).normal(size=(2, HEIGHT, 3 * WIDTH)).astype(np.float32)
     return one, other
 

@@ -5,22 +5,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.motion import find_moved
 
-Array = NDArray[np.float64]
 HEIGHT, WIDTH = 240, 320
 NOTHING = np.zeros((HEIGHT, WIDTH), bool)
 
 
-def wall() -> Array:
+def wall() -> Floats64:
     """Patches of 20 pixels, (240, 320, 3)."""
     rng = np.random.default_rng(1)
     values = rng.uniform(0.2, 0.9, (HEIGHT // 20, WIDTH // 20, 3))
     return np.asarray(cv2.GaussianBlur(values.repeat(20, 0).repeat(20, 1), (0, 0), 0.8))
 
 
-def person(x: int) -> Array:
+def person(x: int) -> Floats64:
     """Where an ellipse stands, (240, 320, 1)."""
     plane = np.zeros((HEIGHT, WIDTH))
     cv2.ellipse(plane, (x, 130), (28, 60), 0, 0, 360, 1.0, -1, cv2.LINE_AA)
@@ -28,8 +28,8 @@ def person(x: int) -> Array:
 
 
 def photographs(
-    albedos: tuple[Array, Array], lamp_shadow: bool = False, flash_shadow: bool = False
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    albedos: tuple[Floats64, Floats64], lamp_shadow: bool = False, flash_shadow: bool = False
+) -> tuple[Floats32, Floats32]:
     """Without and with the flash, of what stands there then; noise of a sensor."""
     u = np.linspace(0, 1, WIDTH)[None, :, None]
     lamps = (0.15 + 0.5 * (1 - u)) * np.array([1.0, 0.7, 0.4]) * np.ones((HEIGHT, 1, 1))
@@ -45,7 +45,7 @@ def photographs(
 
 
 def moved_in(
-    pair: tuple[NDArray[np.float32], NDArray[np.float32]],
+    pair: tuple[Floats32, Floats32],
     unusable: NDArray[np.bool_] = NOTHING,
     rendered: bool = False,
     brightened: float = 1.0,

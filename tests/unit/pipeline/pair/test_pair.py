@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import Canceled, OptionError
 from pipeline.images.frames import Exposure, Frame
 from pipeline.images.noise import Noise
@@ -18,7 +18,6 @@ from pipeline.pair.motion import find_moved
 from pipeline.pair.pair import Pair, make_pair
 from pipeline.progress import Progress
 
-Array = NDArray[np.float64]
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
 
 
@@ -152,7 +151,7 @@ def test_equal_exposures_are_assumed_with_a_warning(
 def test_a_flash_part_alone_needs_no_exposure(
     frames: Callable[..., tuple[Frame, Frame]],
     frame: Callable[..., Frame],
-    light: tuple[Array, Array],
+    light: tuple[Floats64, Floats64],
 ) -> None:
     before, _ = frames(exposure=Exposure())
     part = frame(light[1])
@@ -359,7 +358,7 @@ def test_what_is_only_darker_does_not_count_as_moved(frame: Callable[..., Frame]
 
 def test_a_ratio_from_the_pixels_scales_the_flash_frame(
     frame: Callable[..., Frame],
-    light: tuple[Array, Array],
+    light: tuple[Floats64, Floats64],
 ) -> None:
     lamps, flash = light
     part = flash * np.array([0.6, 0.8, 1.0])
@@ -441,7 +440,7 @@ def test_floats_that_go_on_above_1_were_not_cut_off_there(
 def test_a_flash_part_alone_does_not_tell_where_the_photograph_was_cut_off(
     frames: Callable[..., tuple[Frame, Frame]],
     frame: Callable[..., Frame],
-    light: tuple[Array, Array],
+    light: tuple[Floats64, Floats64],
     encoding: str,
     times: float,
     white: float,

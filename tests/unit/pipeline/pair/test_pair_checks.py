@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.errors import (
     InputError,
@@ -31,8 +31,6 @@ from pipeline.pair.pair_checks import (
 )
 from pipeline.progress import Progress
 from tests.unit.pipeline.separating import Files, codes, png, separated, tiff, turned
-
-Array = NDArray[np.float64]
 
 
 def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
@@ -429,7 +427,7 @@ def test_a_dark_photograph_is_not_black(
 
 
 def test_a_flash_that_adds_nothing_is_refused(
-    light: tuple[Array, Array], frame: Callable[..., Frame]
+    light: tuple[Floats64, Floats64], frame: Callable[..., Frame]
 ) -> None:
     rng = np.random.default_rng(3)
     before, after = (frame(light[0] + rng.normal(0, 0.004, light[0].shape)) for _ in range(2))

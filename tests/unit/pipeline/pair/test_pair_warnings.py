@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.exposure import ExposureRatio
@@ -29,7 +29,7 @@ def warned(frames: tuple[Frame, Frame], ratio: float | None = None) -> tuple[Run
 
 
 def test_what_looks_like_the_photograph_over_again_is_warned_of(
-    light: tuple[NDArray[np.float64], NDArray[np.float64]], frame: Callable[..., Frame]
+    light: tuple[Floats64, Floats64], frame: Callable[..., Frame]
 ) -> None:
     """The same light, exposed for longer than the files say."""
     rng = np.random.default_rng(4)

@@ -2,19 +2,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.noise import Noise
 from pipeline.pair.placing import HALO, mend_proportions, place_flash, placement
 from tests.definitions import pixels
 
-Array = NDArray[np.float32]
 QUIET = Noise(np.zeros(3), np.zeros(3))
 LOUD = Noise(np.full(3, 1e-3), np.full(3, 1e-5))
 
 
 @pytest.fixture
-def scene() -> dict[str, Array]:
+def scene() -> dict[str, Floats32]:
     """Patches of paint; the flash part is some pixels' own, others' of the pixel beside."""
     rng = np.random.default_rng(3)
     paint = np.kron(rng.uniform(0.1, 0.9, (5, 6, 3)), np.ones((6, 7, 1)))
@@ -30,7 +29,7 @@ def scene() -> dict[str, Array]:
     }
 
 
-def parts(scene: dict[str, Array], lamps: int) -> Array:
+def parts(scene: dict[str, Floats32], lamps: int) -> Floats32:
     """Proportions of lamps that hang on the paint alone."""
     shares = np.stack([np.roll(scene["truth"], k, axis=2) + 0.1 for k in range(lamps)])
     return np.asarray(shares / shares.sum(axis=0), np.float32)
@@ -50,7 +49,7 @@ def test_no_flash_part_is_not_placed(part: float) -> None:
     np.testing.assert_array_equal(placement(part_, variance), np.zeros((2, 2)))
 
 
-def test_the_flash_gets_the_edges_of_the_other_photograph(scene: dict[str, Array]) -> None:
+def test_the_flash_gets_the_edges_of_the_other_photograph(scene: dict[str, Floats32]) -> None:
     found = place_flash(scene["no_flash"], scene["flash"], scene["placed"], scene["confidence"])
 
     badly = scene["placed"] < 0.5
@@ -61,7 +60,7 @@ def test_the_flash_gets_the_edges_of_the_other_photograph(scene: dict[str, Array
     np.testing.assert_array_equal(found[~badly], scene["flash"][~badly])
 
 
-def test_the_regression_is_as_defined(scene: dict[str, Array]) -> None:
+def test_the_regression_is_as_defined(scene: dict[str, Floats32]) -> None:
     random = np.random.default_rng(5).uniform(0, 1, scene["placed"].shape)
     scene["placed"] = random.astype(np.float32)
     scene["confidence"][:, :3] = 0.0
@@ -77,7 +76,7 @@ def test_a_black_picture_stays_black() -> None:
 
 
 def test_what_two_lamps_have_of_one_paint_they_have_beside_its_edge(
-    scene: dict[str, Array],
+    scene: dict[str, Floats32],
 ) -> None:
     truth = parts(scene, 2)
     wrong = np.where(scene["placed"][..., None] < 0.5, truth[::-1], truth)
@@ -98,7 +97,7 @@ def test_what_two_lamps_have_of_one_paint_they_have_beside_its_edge(
 
 @pytest.mark.parametrize("lamps", [2, 3])
 @pytest.mark.parametrize("noise", [QUIET, LOUD], ids=["quiet", "loud"])
-def test_the_average_is_as_defined(scene: dict[str, Array], lamps: int, noise: Noise) -> None:
+def test_the_average_is_as_defined(scene: dict[str, Floats32], lamps: int, noise: Noise) -> None:
     rng = np.random.default_rng(7)
     placed, confidence = rng.uniform(0, 1, (2, *scene["placed"].shape)).astype(np.float32)
     given = rng.dirichlet(np.ones(lamps), (*placed.shape, 3)).transpose(3, 0, 1, 2)
@@ -119,7 +118,7 @@ def test_the_average_is_as_defined(scene: dict[str, Array], lamps: int, noise: N
 
 
 def test_pixels_without_a_flash_part_take_what_their_paint_has_beside_them(
-    scene: dict[str, Array],
+    scene: dict[str, Floats32],
 ) -> None:
     truth = parts(scene, 2)
     border = np.zeros(scene["placed"].shape, bool)
@@ -138,7 +137,7 @@ def test_pixels_without_a_flash_part_take_what_their_paint_has_beside_them(
     np.testing.assert_array_equal(trust[~border], unknown[~border])
 
 
-def test_one_lamp_keeps_all(scene: dict[str, Array]) -> None:
+def test_one_lamp_keeps_all(scene: dict[str, Floats32]) -> None:
     whole = np.ones((1, *scene["truth"].shape), np.float32)
     none = np.zeros_like(scene["placed"])
 
@@ -149,7 +148,7 @@ def test_one_lamp_keeps_all(scene: dict[str, Array]) -> None:
     np.testing.assert_array_equal(found, whole)
 
 
-def test_where_no_neighbour_is_sure_proportions_stay(scene: dict[str, Array]) -> None:
+def test_where_no_neighbour_is_sure_proportions_stay(scene: dict[str, Floats32]) -> None:
     given, none = parts(scene, 2), np.zeros_like(scene["placed"])
 
     kept, trust = mend_proportions(
@@ -160,7 +159,7 @@ def test_where_no_neighbour_is_sure_proportions_stay(scene: dict[str, Array]) ->
     assert not trust.any()
 
 
-def test_rows_with_their_halo_are_as_the_whole(scene: dict[str, Array]) -> None:
+def test_rows_with_their_halo_are_as_the_whole(scene: dict[str, Floats32]) -> None:
     names = ("no_flash", "flash", "placed", "confidence")
     given = [scene[name] for name in names]
     whole = place_flash(*given)

@@ -5,20 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.images.noise import Noise
 from pipeline.pair.reduced import reduce_pair
 from pipeline.pair.registration import softened
 
-Array = NDArray[np.float64]
 
-
-def even(height: int, width: int, value: float) -> NDArray[np.float32]:
+def even(height: int, width: int, value: float) -> Floats32:
     return np.full((height, width, 3), value, np.float32)
 
 
-def lively(height: int, width: int, block: int = 2) -> NDArray[np.float32]:
+def lively(height: int, width: int, block: int = 2) -> Floats32:
     """Blocks of which none is like another, so that only their own pixels are averaged."""
     drawn = np.random.default_rng(1).uniform(0.2, 0.4, (height // block, width // block, 3))
     return np.asarray(drawn.repeat(block, axis=0).repeat(block, axis=1), dtype=np.float32)
@@ -106,7 +104,7 @@ def test_every_pixel_clipped_leaves_nothing_to_use(pair_of: Callable[..., Any]) 
     assert np.isfinite(found.flash).all()
 
 
-def rough(height: int, width: int, seed: int) -> NDArray[np.float32]:
+def rough(height: int, width: int, seed: int) -> Floats32:
     """A texture of which no two pixels are alike enough to be averaged."""
     drawn = np.random.default_rng(seed).uniform(0.1, 0.9, (height, width, 1))
     return np.repeat(drawn, 3, axis=2).astype(np.float32)

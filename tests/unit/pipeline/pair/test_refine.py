@@ -5,8 +5,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.pair import refine
 from pipeline.pair.refine import (
     HOMOGRAPHY,
@@ -21,8 +21,7 @@ from pipeline.pair.refine import (
     refine_motion,
 )
 
-Image = NDArray[np.float32]
-Array = NDArray[np.float64]
+Image = Floats32
 HEIGHT, WIDTH = 160, 200
 
 
@@ -38,7 +37,7 @@ def patches(seed: int = 0) -> Image:
     return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.8), np.float32)
 
 
-def seen(image: Image, matrix: Array) -> Image:
+def seen(image: Image, matrix: Floats64) -> Image:
     """The picture after a motion: refine_motion is to find the matrix."""
     return np.asarray(
         cv2.warpPerspective(
@@ -48,7 +47,7 @@ def seen(image: Image, matrix: Array) -> Image:
     )
 
 
-def error(found: Array, true: Array) -> float:
+def error(found: Floats64, true: Floats64) -> float:
     """Largest distance in pixels on a grid of points."""
     y, x = np.mgrid[20 : HEIGHT - 20 : 30, 20 : WIDTH - 20 : 30]
     points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
@@ -119,7 +118,7 @@ def test_agreement_is_one_for_the_same_steps_and_falls_with_the_distance() -> No
     assert found[2] < 0.5
 
 
-def step_by_numpy(reference: Image, sample: Image, matrix: Array) -> Array:
+def step_by_numpy(reference: Image, sample: Image, matrix: Floats64) -> Floats64:
     """One round of the refinement, as its source has it: the compiled one is to give the same."""
     size = (WIDTH, HEIGHT)
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -206,7 +205,7 @@ def test_two_rounds_that_go_short_make_a_motion_exact(monkeypatch: pytest.Monkey
     near = refine_motion(steps[0], steps[1], np.eye(3), freedoms)
     step_of = refine._step
 
-    def short(*given: Any) -> Array:
+    def short(*given: Any) -> Floats64:
         step = step_of(*given)
         assert step is not None
         return np.asarray(0.5 * (np.eye(3) + step))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.pair.second_differences import (
     BLOCK,
     block_squares,
@@ -16,7 +16,7 @@ from pipeline.pair.second_differences import (
     unshared_squares,
 )
 
-Image = NDArray[np.float32]
+Image = Floats32
 SIZES = [(64, 80), (67, 45), (8, 8), (32, 33)]
 
 
@@ -24,18 +24,18 @@ def drawn(height: int, width: int) -> Image:
     return np.random.default_rng(height).normal(0.3, 0.1, (height, width, 3)).astype(np.float32)
 
 
-def differences_by_opencv(image: Image) -> NDArray[np.float64]:
+def differences_by_opencv(image: Image) -> Floats64:
     kernel = np.outer([1, -2, 1], [1, -2, 1]) / 6.0
     return np.asarray(
         cv2.filter2D(image.astype(np.float64), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
     )
 
 
-def squares_by_opencv(image: Image) -> NDArray[np.float64]:
+def squares_by_opencv(image: Image) -> Floats64:
     return np.asarray(np.square(differences_by_opencv(image)))
 
 
-def blocks_of(image: NDArray[np.floating]) -> NDArray[np.floating]:
+def blocks_of(image: Floats) -> Floats:
     """(rows, columns, 8, 8, 3)."""
     rows, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
     whole = image[: rows * BLOCK, : columns * BLOCK]
@@ -55,7 +55,7 @@ def test_squares_of_blocks(size: tuple[int, int]) -> None:
     np.testing.assert_allclose(means, pixels.reshape(count, 64, 3).mean(axis=1).T, rtol=1e-5)
 
 
-def differences_by_block(image: Image) -> NDArray[np.float64]:
+def differences_by_block(image: Image) -> Floats64:
     """(n, 48, 3)."""
     return np.asarray(blocks_of(differences_by_opencv(image))[:, :, 1:-1].reshape(-1, 48, 3))
 

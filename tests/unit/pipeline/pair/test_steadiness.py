@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.noise import Noise
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.steadiness import (
@@ -17,19 +18,18 @@ from pipeline.pair.steadiness import (
     ratio_without_flash,
 )
 
-Array = NDArray[np.float64]
 HEIGHT, WIDTH = 192, 256
 LAMP, FLASH = np.array([1.0, 0.7, 0.4]), np.array([0.7, 0.9, 1.0])
 QUIET = Noise(np.full(3, 1e-8), np.full(3, 1e-11))
 
 
-def albedo(seed: int = 1) -> Array:
+def albedo(seed: int = 1) -> Floats64:
     values = np.random.default_rng(seed).uniform(0.2, 0.9, (HEIGHT // 16, WIDTH // 16, 3))
     return values.repeat(16, 0).repeat(16, 1)
 
 
 def ratios_of(
-    lamps: Array, flash_frame: Array, unusable: NDArray[np.bool_] | None = None
+    lamps: Floats64, flash_frame: Floats64, unusable: NDArray[np.bool_] | None = None
 ) -> Ratios:
     """Of the photographs with the noise of a sensor."""
     rng = np.random.default_rng(5)
@@ -41,7 +41,7 @@ def ratios_of(
     return block_ratios(one, other, bad, estimate_noises(one, other))
 
 
-def scene(reach: float = 1.0) -> tuple[Array, Array]:
+def scene(reach: float = 1.0) -> tuple[Floats64, Floats64]:
     """Light of lamps and of a flash that reaches so much of the picture from the right."""
     u = np.linspace(0, 1, WIDTH)[None, :, None]
     lamps = albedo() * (0.2 + 0.4 * (1 - u)) * LAMP
@@ -154,7 +154,7 @@ def test_share_that_is_darker_with_the_flash(left: float, rendered: bool, share:
     assert darker_share(found, rendered) == pytest.approx(share, abs=0.02)
 
 
-def flicker(cycles: float, height: float, phase: float) -> Array:
+def flicker(cycles: float, height: float, phase: float) -> Floats64:
     y = np.arange(HEIGHT)[:, None, None] / HEIGHT
     return np.asarray(1 + height * np.sin(2 * np.pi * (cycles * y + phase)))
 

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline.photometric_stereo.materials import find_materials
 from pipeline.photometric_stereo.objective import with_even_albedo
@@ -16,8 +15,6 @@ from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 from tests.ball import Ball, make_ball
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="session")

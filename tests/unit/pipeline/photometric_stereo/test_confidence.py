@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation.separation import Strip
@@ -36,7 +36,7 @@ def surface(**more: Any) -> Surface:
     return Surface(**{**given, **more})
 
 
-def trust(confidence: float = 1.0, normals: Any = UP, **more: Any) -> NDArray[np.float32]:
+def trust(confidence: float = 1.0, normals: Any = UP, **more: Any) -> Floats32:
     light = np.ones((SIZE, SIZE, 3), np.float32)
     sure = np.full((SIZE, SIZE), confidence, np.float32)
     strip = Strip(slice(0, SIZE), light[None], light, light, sure)

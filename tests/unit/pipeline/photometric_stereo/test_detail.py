@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.photometric_stereo.detail import spread, surface_depth, surface_normals
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation.separation import Strip
-
-Array = NDArray[np.float64]
 
 SIZE, BLOCK = 64, 4
 DIRECTIONS = np.array([[-0.6, 0.35, 0.7], [0.65, 0.3, 0.7], [0.05, -0.55, 0.8]])
@@ -41,7 +39,7 @@ def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
     return Surface(**{**given, **more})
 
 
-def strip_of(normals: Array, rows: slice = slice(0, SIZE), confidence: float = 1.0) -> Strip:
+def strip_of(normals: Floats64, rows: slice = slice(0, SIZE), confidence: float = 1.0) -> Strip:
     """Light of a surface of these normals (h, W, 3) and |w| = 1, and its flash part."""
     flash = np.full(normals.shape, 0.4)
     lit = np.einsum("hwj,jkl,hwl->hwk", np.maximum(normals @ DIRECTIONS.T, 0), MATRICES, flash)
@@ -50,7 +48,7 @@ def strip_of(normals: Array, rows: slice = slice(0, SIZE), confidence: float = 1
 
 
 @pytest.fixture
-def ripples() -> Array:
+def ripples() -> Floats64:
     """Unit normals (64, 64, 3) that sway by 10° every 6 pixels."""
     y, x = np.mgrid[:SIZE, :SIZE]
     tilt = np.tan(np.radians(10))
@@ -59,11 +57,11 @@ def ripples() -> Array:
     return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True))
 
 
-def angle(found: NDArray[np.float32], true: Array) -> float:
+def angle(found: Floats32, true: Floats64) -> float:
     return float(np.degrees(np.arccos(np.clip((found * true).sum(axis=2), -1, 1))).mean())
 
 
-def test_details_come_back_that_the_reduced_surface_lacks(ripples: Array) -> None:
+def test_details_come_back_that_the_reduced_surface_lacks(ripples: Floats64) -> None:
     smooth = np.broadcast_to([0.0, 0.0, 1.0], ripples.shape).astype(np.float32)
 
     found = surface_normals(strip_of(ripples), flat(BLOCK))
@@ -72,7 +70,7 @@ def test_details_come_back_that_the_reduced_surface_lacks(ripples: Array) -> Non
     assert angle(found, ripples) < 0.5 * angle(smooth, ripples)
 
 
-def test_a_surface_at_full_size_is_taken_as_it_is(ripples: Array) -> None:
+def test_a_surface_at_full_size_is_taken_as_it_is(ripples: Floats64) -> None:
     surface = flat(1, w=2.0 * ripples)
 
     found = surface_normals(strip_of(ripples[::-1]), surface)
@@ -80,7 +78,7 @@ def test_a_surface_at_full_size_is_taken_as_it_is(ripples: Array) -> None:
     np.testing.assert_allclose(found, ripples, atol=1e-6)
 
 
-def test_what_was_cut_out_follows_its_own_light(ripples: Array) -> None:
+def test_what_was_cut_out_follows_its_own_light(ripples: Floats64) -> None:
     """Also at full size, and what was not cut out is left as it is."""
     cut = np.zeros((SIZE, SIZE), bool)
     cut[:, 32:] = True
@@ -92,7 +90,7 @@ def test_what_was_cut_out_follows_its_own_light(ripples: Array) -> None:
     assert angle(found[:, 32:], ripples[:, 32:]) < 0.5
 
 
-def test_what_the_fit_leaves_over_is_no_detail(ripples: Array) -> None:
+def test_what_the_fit_leaves_over_is_no_detail(ripples: Floats64) -> None:
     """A light that the fit explains but for its scale moves no normal."""
     level = np.broadcast_to([0.0, 0.0, 1.0], ripples.shape)
     strip = strip_of(level)
@@ -104,7 +102,7 @@ def test_what_the_fit_leaves_over_is_no_detail(ripples: Array) -> None:
 
 
 @pytest.mark.parametrize("block", [1, BLOCK])
-def test_strips_fit_together(ripples: Array, block: int) -> None:
+def test_strips_fit_together(ripples: Floats64, block: int) -> None:
     surface = flat(block)
     whole = surface_normals(strip_of(ripples), surface)
     parts = [
@@ -115,7 +113,7 @@ def test_strips_fit_together(ripples: Array, block: int) -> None:
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_what_is_not_known_is_nan(ripples: Array) -> None:
+def test_what_is_not_known_is_nan(ripples: Floats64) -> None:
     mask = np.ones((SIZE // BLOCK, SIZE // BLOCK), bool)
     mask[:, 8:] = False
     w = np.where(mask[..., None], [0.0, 0.0, 1.0], 0.0)
@@ -166,7 +164,7 @@ def test_a_side_of_any_length_is_spread(axis: int, block: int) -> None:
 
 @pytest.mark.parametrize("left_over", [(0, 0), (3, 0), (0, 3), (2, 3)])
 def test_a_surface_is_known_to_the_edges_of_the_picture(
-    ripples: Array, left_over: tuple[int, int]
+    ripples: Floats64, left_over: tuple[int, int]
 ) -> None:
     """Also in the pixels that are left over of it after whole blocks; as are their details."""
     height, width = (SIZE - 4 + pixels for pixels in left_over)

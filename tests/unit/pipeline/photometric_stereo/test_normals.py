@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
@@ -19,17 +19,15 @@ from pipeline.photometric_stereo.normals import find_facing
 from pipeline.progress import Progress
 from pipeline.separation.separation import Strip
 
-Array = NDArray[np.float64]
-
 DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
 
 
 @pytest.fixture(scope="module")
 def found(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Lamps],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> Callable[..., Any]:
     """Find where surfaces face in a pair of three lamps; the strip is all of it."""
 

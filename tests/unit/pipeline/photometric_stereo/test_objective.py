@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, predicted
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture
@@ -100,7 +98,7 @@ def test_a_step_solves_the_normal_equations(posed: tuple[Scene, State]) -> None:
     assert alone == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
-def unpacked(state: State, values: Array) -> State:
+def unpacked(state: State, values: Floats64) -> State:
     """A change of all unknowns of a state, from one row of them."""
     parts = [getattr(state, name) for name in ("h", "modes", "own", "albedo")]
     pieces = np.split(values, np.cumsum([part.size for part in parts])[:-1])
@@ -110,11 +108,11 @@ def unpacked(state: State, values: Array) -> State:
     return State(h, modes, own, albedo, state.lit)
 
 
-def linearised(objective: Objective, state: State) -> tuple[Array, Array, Array]:
+def linearised(objective: Objective, state: State) -> tuple[Floats64, Floats64, Floats64]:
     """Residuals, the weights that robustness leaves them, and derivatives by all unknowns."""
     scene, sigma, mean = objective.scene, objective.albedo_sigma, state.h.mean()
 
-    def residuals(at: State) -> Array:
+    def residuals(at: State) -> Floats64:
         length = np.linalg.norm(scene.grid.w(at.h)[scene.tinted], axis=1)
         level = (at.albedo[scene.segments[scene.tinted]] * scene.tints).sum(axis=1)
         return np.concatenate(

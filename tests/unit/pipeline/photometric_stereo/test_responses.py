@@ -4,27 +4,25 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 
-Array = NDArray[np.float64]
 
-
-def seen(camera: Camera, light: Array) -> Array:
+def seen(camera: Camera, light: Floats64) -> Floats64:
     """Reflectances (m, 3) as the camera sees them, a white card having green 1."""
     s = camera.sensitivities
     return np.asarray(reflectance_spectra() @ (s * light).T / (s[1] @ light))
 
 
-def white(camera: Camera, light: Array) -> Array:
+def white(camera: Camera, light: Floats64) -> Floats64:
     s = camera.sensitivities
     return np.asarray(s @ light / (s[1] @ light))
 
 
-def under(lamp: str, bank: LampBank, camera: Camera) -> tuple[ResponsePrior, Array, Array]:
+def under(lamp: str, bank: LampBank, camera: Camera) -> tuple[ResponsePrior, Floats64, Floats64]:
     """The prior of a lamp, and reflectances (m, 3) under the flash and under the lamp."""
     light = find_light(lamp)
     prior = bank.prior(white(camera, light))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.sides import sides
 
 SIZE = 24
@@ -16,7 +17,7 @@ def halves(left: int, right: int) -> NDArray[np.intp]:
     return np.where(across < left, 1, np.where(across >= right, 2, 0))
 
 
-def step(at: int, factor: float) -> NDArray[np.float64]:
+def step(at: int, factor: float) -> Floats64:
     return np.where(across < at, 1.0, factor)
 
 

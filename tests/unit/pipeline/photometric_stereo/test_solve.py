@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
@@ -22,8 +22,6 @@ from pipeline.photometric_stereo.solve import Surface, _finer, solve_surface
 from pipeline.photometric_stereo.view import View
 from pipeline.progress import Progress
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture(scope="module")
 def solved(
@@ -37,7 +35,7 @@ def solved(
     def build(
         ball: Any,
         lights: list[DirectedLight],
-        whites: Array | None = None,
+        whites: Floats64 | None = None,
         fill: int = 1,
         progress: Progress | None = None,
     ) -> Surface:
@@ -110,7 +108,7 @@ def test_the_colour_of_one_of_two_lights_settles_which_is_which(
     """What the user says is believed, also where the other order explains the pair better."""
     one = ball(24, 3, lamps=2)
 
-    def error_with(colour: Array) -> float:
+    def error_with(colour: Floats64) -> float:
         lights = one.lights("strength")
         lights[named] = lights[named].model_copy(update={"rgb": tuple(colour)})
         return error(one, solved(one, lights))

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats64
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.view import View, make_view
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("most", "step"), [(10**6, 1), (500, 3)])
@@ -50,7 +48,7 @@ def test_pictures_are_means_of_the_usable_pixels() -> None:
     reduced = grainy()
     usable = reduced.usable[:39, :78].reshape(13, 3, 26, 3, 1)
 
-    def means(picture: NDArray[np.floating]) -> Array:
+    def means(picture: Floats) -> Floats64:
         blocks = picture[:39, :78].reshape(13, 3, 26, 3, 3)
         return np.asarray((blocks * usable).sum(axis=(1, 3)) / usable.sum(axis=(1, 3)))
 

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.gamma_diagram import LEGEND, SIDE, draw_gamma_diagram
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 RADIUS = 15
 PRUNED = (125, 80, 215)
 
 
-def reduced_of(gammas: Array, model: Model, unusable: int = 0) -> ReducedPair:
+def reduced_of(gammas: Floats64, model: Model, unusable: int = 0) -> ReducedPair:
     """A reduced pair (n, 1) whose pixels have these invariants, some more being unusable."""
     flash = np.tile([0.3, 0.5, 0.4], (len(gammas) + unusable, 1))
     light = np.concatenate([gammas, np.tile([0.1, 0.1, 0.9], (unusable, 1))])
@@ -31,10 +31,10 @@ def reduced_of(gammas: Array, model: Model, unusable: int = 0) -> ReducedPair:
 
 
 @pytest.fixture
-def mixtures() -> Callable[[Array], Array]:
+def mixtures() -> Callable[[Floats64], Floats64]:
     """Unit mixtures (n, 3) of the lamps."""
 
-    def build(corners: Array) -> Array:
+    def build(corners: Floats64) -> Floats64:
         z = np.random.default_rng(1).dirichlet(np.ones(len(corners)), 3000)
         mixed = z @ corners
         return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
@@ -44,7 +44,7 @@ def mixtures() -> Callable[[Array], Array]:
 
 @pytest.fixture
 def drawn(
-    model: Model, lamps_of: Callable[..., Any], mixtures: Callable[[Array], Array]
+    model: Model, lamps_of: Callable[..., Any], mixtures: Callable[[Floats64], Floats64]
 ) -> Callable[..., Picture]:
     """Draw lamps, and invariants that are mixtures of them if no others are given.
 
@@ -52,10 +52,10 @@ def drawn(
     """
 
     def draw(
-        corners: Array,
+        corners: Floats64,
         labels: list[str] | None = None,
-        invariants: Array | None = None,
-        pruned: Array | None = None,
+        invariants: Floats64 | None = None,
+        pruned: Floats64 | None = None,
         legend: bool = False,
         unusable: int = 0,
     ) -> Picture:
@@ -70,7 +70,7 @@ def drawn(
     return draw
 
 
-def circles(picture: Picture) -> Array:
+def circles(picture: Picture) -> Floats64:
     """Centers (n, 2) of light rings of the lamps' size, found by correlation."""
     ring = np.zeros((41, 41), np.float32)
     cv2.circle(ring, (20, 20), RADIUS, 1.0, 2, cv2.LINE_AA)
@@ -84,14 +84,14 @@ def circles(picture: Picture) -> Array:
     return np.array(found, dtype=np.float64)
 
 
-def sides(points: Array) -> Array:
+def sides(points: Floats64) -> Floats64:
     """Lengths of a triangle's sides, sorted, the longest 1."""
     lengths = np.sort([np.linalg.norm(points[i] - points[i - 1]) for i in range(3)])
     return np.asarray(lengths / lengths[-1])
 
 
 def test_the_picture_is_a_square_with_a_legend_and_of_eight_bits(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     picture = drawn(warm_to_cool, legend=True)
 
@@ -102,7 +102,7 @@ def test_the_picture_is_a_square_with_a_legend_and_of_eight_bits(
 
 @pytest.mark.parametrize("which", [(0,), (0, 2), (0, 1, 2)])
 def test_every_lamp_has_its_circle_well_inside(
-    drawn: Callable[..., Picture], warm_to_cool: Array, which: tuple[int, ...]
+    drawn: Callable[..., Picture], warm_to_cool: Floats64, which: tuple[int, ...]
 ) -> None:
     found = circles(drawn(warm_to_cool[list(which)]))
 
@@ -112,7 +112,7 @@ def test_every_lamp_has_its_circle_well_inside(
 
 
 def test_three_circles_are_the_triangle_seen_from_the_middle_of_the_sphere(
-    drawn: Callable[..., Picture], mixtures: Callable[[Array], Array], warm_to_cool: Array
+    drawn: Callable[..., Picture], mixtures: Callable[[Floats64], Floats64], warm_to_cool: Floats64
 ) -> None:
     center = mixtures(warm_to_cool).mean(axis=0)
     center /= np.linalg.norm(center)
@@ -123,7 +123,9 @@ def test_three_circles_are_the_triangle_seen_from_the_middle_of_the_sphere(
     np.testing.assert_allclose(sides(found), sides(in_plane), atol=0.01)
 
 
-def test_the_cloud_lies_in_the_triangle(drawn: Callable[..., Picture], warm_to_cool: Array) -> None:
+def test_the_cloud_lies_in_the_triangle(
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
+) -> None:
     picture = drawn(warm_to_cool)
     corners = circles(picture)
     inside = np.zeros(picture.shape[:2], np.uint8)
@@ -138,7 +140,9 @@ def test_the_cloud_lies_in_the_triangle(drawn: Callable[..., Picture], warm_to_c
     assert coloured[inside > 0].mean() > 0.05
 
 
-def test_one_lamp_lies_amid_its_cloud(drawn: Callable[..., Picture], warm_to_cool: Array) -> None:
+def test_one_lamp_lies_amid_its_cloud(
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
+) -> None:
     scattered = warm_to_cool[0] + np.random.default_rng(3).normal(0, 0.02, (2000, 3))
     unit = scattered / np.linalg.norm(scattered, axis=1, keepdims=True)
 
@@ -148,7 +152,7 @@ def test_one_lamp_lies_amid_its_cloud(drawn: Callable[..., Picture], warm_to_coo
 
 
 def test_small_noise_is_not_blown_up_to_fill_the_picture(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     tight = warm_to_cool[0] + np.random.default_rng(3).normal(0, 0.002, (2000, 3))
     unit = tight / np.linalg.norm(tight, axis=1, keepdims=True)
@@ -161,7 +165,7 @@ def test_small_noise_is_not_blown_up_to_fill_the_picture(
 
 
 def test_circles_have_the_colours_of_the_lamps(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     """Red to blue for bulb and sky, green for the green lamp."""
     picture = drawn(warm_to_cool)
@@ -185,7 +189,7 @@ def test_daylight_is_shown_white(drawn: Callable[..., Picture], model: Model) ->
     assert picture[450 - 11, 450].min() > 235  # above the number
 
 
-def test_each_lamp_has_its_number(drawn: Callable[..., Picture], warm_to_cool: Array) -> None:
+def test_each_lamp_has_its_number(drawn: Callable[..., Picture], warm_to_cool: Floats64) -> None:
     """Dark strokes inside the circles, more of them for a 2 than for a 1."""
     picture = drawn(warm_to_cool[[0, 2]])
 
@@ -200,7 +204,7 @@ def test_each_lamp_has_its_number(drawn: Callable[..., Picture], warm_to_cool: A
 
 
 def test_pruned_light_is_violet_and_the_legend_says_how_much(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     """A tight bunch of 1,000 off the line of 3,000, and the same bunch when it is kept."""
     two = warm_to_cool[[0, 2]]
@@ -220,7 +224,7 @@ def test_pruned_light_is_violet_and_the_legend_says_how_much(
 
 
 def test_fuller_bins_are_brighter_by_the_logarithm(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     """Spots of 1, 10 and 100 pixels: from three tenths of the colour in equal steps to all."""
     lamp = warm_to_cool[:1]
@@ -244,7 +248,7 @@ def test_fuller_bins_are_brighter_by_the_logarithm(
 
 
 def test_the_scale_is_as_long_as_its_degrees(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     """The smallest view is 2 · .12 of the tangent plane in 680 pixels; the bar is 2° there."""
     picture = drawn(warm_to_cool[:1], invariants=np.repeat(warm_to_cool[:1], 300, axis=0))
@@ -255,7 +259,7 @@ def test_the_scale_is_as_long_as_its_degrees(
 
 
 def test_pixels_that_are_not_usable_are_not_drawn(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     plain = drawn(warm_to_cool, legend=True)
 
@@ -264,7 +268,7 @@ def test_pixels_that_are_not_usable_are_not_drawn(
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_the_legend_has_words_and_colours(
-    drawn: Callable[..., Picture], warm_to_cool: Array, count: int
+    drawn: Callable[..., Picture], warm_to_cool: Floats64, count: int
 ) -> None:
     legend = drawn(warm_to_cool[:count], legend=True)[SIDE:]
 
@@ -278,7 +282,7 @@ def test_the_legend_has_words_and_colours(
 
 
 def test_labels_are_written_beside_the_circles(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     plain = drawn(warm_to_cool[[0, 2]])
     labelled = drawn(warm_to_cool[[0, 2]], ["lamp1, 2850 K", "lamp2, 12000 K"])
@@ -291,7 +295,7 @@ def test_labels_are_written_beside_the_circles(
 
 @pytest.mark.parametrize("turn", [0.0, 0.25, 0.5])
 def test_labels_of_lamps_alike_hide_neither_each_other_nor_circles(
-    drawn: Callable[..., Picture], warm_to_cool: Array, turn: float
+    drawn: Callable[..., Picture], warm_to_cool: Floats64, turn: float
 ) -> None:
     """Lamps 2° apart, in whatever direction: every label has the words that it has alone."""
     across = np.cross(warm_to_cool[0], [0.0, 0.0, 1.0])
@@ -315,7 +319,7 @@ def test_labels_of_lamps_alike_hide_neither_each_other_nor_circles(
 
 
 def test_long_labels_stay_in_the_picture(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     labelled = drawn(warm_to_cool[[0, 2]], ["lamp1 " * 9, "lamp2 " * 9])
 
@@ -325,7 +329,7 @@ def test_long_labels_stay_in_the_picture(
 
 
 def test_lamps_behind_the_cloud_do_no_harm(
-    drawn: Callable[..., Picture], warm_to_cool: Array
+    drawn: Callable[..., Picture], warm_to_cool: Floats64
 ) -> None:
     """Lamps of a degenerate estimate, far from all invariants."""
     odd = np.array([[-0.7, -0.65, -0.29], [0.0, 0.0, 1.0]])
@@ -336,13 +340,13 @@ def test_lamps_behind_the_cloud_do_no_harm(
     assert (picture != picture[100, 4]).any()
 
 
-def test_equal_invariants_are_a_spot(drawn: Callable[..., Picture], warm_to_cool: Array) -> None:
+def test_equal_invariants_are_a_spot(drawn: Callable[..., Picture], warm_to_cool: Floats64) -> None:
     picture = drawn(warm_to_cool[:1], invariants=np.repeat(warm_to_cool[:1], 300, axis=0))
 
     (found,) = circles(picture)
     np.testing.assert_allclose(found, [450, 450], atol=2)
 
 
-def test_every_lamp_needs_its_label(drawn: Callable[..., Picture], warm_to_cool: Array) -> None:
+def test_every_lamp_needs_its_label(drawn: Callable[..., Picture], warm_to_cool: Floats64) -> None:
     with pytest.raises(ValueError, match="zip"):
         drawn(warm_to_cool, ["lamp1", "lamp2"])

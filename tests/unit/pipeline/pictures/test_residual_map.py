@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.pictures.lettering import panel
 from pipeline.pictures.residual_map import LEGEND, MOST, draw_residual_map, relative_residual
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
+Exact = Callable[..., tuple[Any, Floats64]]
 
 PATCH = (slice(20, 28), slice(40, 52))
 
 
 @pytest.fixture
-def two(exact: Exact, warm_to_cool: Array) -> ReducedPair:
+def two(exact: Exact, warm_to_cool: Floats64) -> ReducedPair:
     """A reduced pair that two lamps explain."""
     return reduce_pair(exact(warm_to_cool[[0, 2]])[0])
 
 
 @pytest.mark.parametrize("which", [[0], [0, 2], [0, 1, 2]])
 def test_what_the_model_describes_leaves_nothing(
-    exact: Exact, lamps_of: Callable[..., Any], warm_to_cool: Array, which: list[int]
+    exact: Exact, lamps_of: Callable[..., Any], warm_to_cool: Floats64, which: list[int]
 ) -> None:
     reduced = reduce_pair(exact(warm_to_cool[which])[0])
 
@@ -38,7 +38,7 @@ def test_what_the_model_describes_leaves_nothing(
 
 
 def test_light_of_another_colour_leaves_its_part_of_the_light(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     """By hand: what is added at right angles to both lamps' light is left, and nothing else."""
     lamps = lamps_of(warm_to_cool[[0, 2]])
@@ -59,7 +59,7 @@ def test_light_of_another_colour_leaves_its_part_of_the_light(
 
 
 def test_a_missing_lamp_shows_where_it_shines(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     """Only the warm lamp is known; the cool one shines on the right."""
     found = relative_residual(two, lamps_of(warm_to_cool[:1]))
@@ -69,7 +69,7 @@ def test_a_missing_lamp_shows_where_it_shines(
 
 
 def test_what_is_not_usable_is_not_a_number(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     usable = two.usable.copy()
     usable[PATCH] = False
@@ -80,7 +80,7 @@ def test_what_is_not_usable_is_not_a_number(
 
 
 def test_noise_is_taken_off(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     """Noise of 3 % that is known leaves hardly a pixel anything."""
     rng = np.random.default_rng(2)
@@ -96,7 +96,7 @@ def test_noise_is_taken_off(
 
 
 def test_noise_of_the_flash_counts_through_the_lamps(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     rng = np.random.default_rng(2)
     sigma = (0.03 * two.flash).astype(np.float32)
@@ -111,7 +111,7 @@ def test_noise_of_the_flash_counts_through_the_lamps(
 
 
 def test_channels_are_weighed_as_when_the_layers_are_made(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     """As of a camera whose channels are so much brighter, of light that no lamp explains."""
     weights = np.array([0.5, 1.0, 3.0], np.float32)
@@ -131,7 +131,7 @@ def test_channels_are_weighed_as_when_the_layers_are_made(
 
 
 def test_black_pixels_leave_nothing_where_usable(
-    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     black = replace(two, no_flash=np.zeros_like(two.no_flash), flash=np.zeros_like(two.flash))
 
@@ -143,7 +143,7 @@ def test_black_pixels_leave_nothing_where_usable(
 # the picture
 
 
-def brightness(picture: NDArray[np.uint8]) -> Array:
+def brightness(picture: NDArray[np.uint8]) -> Floats64:
     return picture.astype(np.float64) @ [0.3, 0.6, 0.1]
 
 

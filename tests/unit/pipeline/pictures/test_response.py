@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.lamps.model import Model, Response, build_model
 from pipeline.options import Method
 from pipeline.pictures.response import camera_changes, other_response
@@ -14,12 +14,11 @@ from pipeline.separation.separation import Strip
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light, reflectance_spectra
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
+Exact = Callable[..., tuple[Any, Floats64]]
 METHODS: tuple[Method, ...] = ("best", "paper")
 
 
-def strip_of(layers: Array) -> Strip:
+def strip_of(layers: Floats64) -> Strip:
     """Layers alone: nothing else is needed."""
     shape = layers.shape[1:]
     return Strip(
@@ -57,7 +56,7 @@ def test_through_the_same_camera_the_photograph_is_the_photograph(
     model: Model,
     through: Callable[[Camera], Response],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     method: Method,
 ) -> None:
@@ -76,9 +75,9 @@ def test_paper_takes_layers_of_the_other_cameras_model(
     model: Model,
     through: Callable[[Camera], Response],
     lamps_of: Callable[..., Any],
-    shares_of: Callable[[int], Array],
-    flash_part: NDArray[np.float32],
-    warm_to_cool: Array,
+    shares_of: Callable[[int], Floats64],
+    flash_part: Floats32,
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     """Σ_j z_j T'_j I_f."""

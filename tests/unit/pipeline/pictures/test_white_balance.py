@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.images.frames import Image
 from pipeline.lamps.model import Model
@@ -17,9 +17,8 @@ from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from tests.definitions import pixels
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
-Lit = Callable[[Array], tuple[Strip, Any]]
+Exact = Callable[..., tuple[Any, Floats64]]
+Lit = Callable[[Floats64], tuple[Strip, Any]]
 
 
 def approach_1(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
@@ -42,7 +41,7 @@ def balance_of(method: str, lamps: Any, model: Model) -> WhiteBalance | Publishe
     return PublishedWhiteBalance(lamps, model)
 
 
-def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
+def strip_of(pair: Any, layers: Floats64, confidence: float = 1.0) -> Strip:
     """The true layers of a pair, as if they had been found."""
     return Strip(
         rows=slice(0, len(pair.unusable)),
@@ -57,7 +56,7 @@ def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
 def lit(exact: Exact, lamps_of: Callable[..., Any]) -> Lit:
     """A pair under lamps of these coefficients, as if truly separated, and the lamps."""
 
-    def build(coefficients: Array) -> tuple[Strip, Any]:
+    def build(coefficients: Floats64) -> tuple[Strip, Any]:
         return strip_of(*exact(coefficients)), lamps_of(coefficients)
 
     return build
@@ -67,9 +66,9 @@ def lit(exact: Exact, lamps_of: Callable[..., Any]) -> Lit:
 def test_approach_1_keeps_the_green_of_every_lamp(
     lit: Lit,
     model: Model,
-    shares_of: Callable[[int], Array],
+    shares_of: Callable[[int], Floats64],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     """Σ_j z_j (g_j / g_n) T_n I_f."""
@@ -89,9 +88,9 @@ def test_approach_1_keeps_the_green_of_every_lamp(
 def test_published_approach_1_takes_all_coefficients_for_as_long(
     lit: Lit,
     model: Model,
-    shares_of: Callable[[int], Array],
+    shares_of: Callable[[int], Floats64],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     """Σ_j z_j ‖b_j‖ / ‖b_n‖ T_n I_f, lengths in the published coordinates."""
@@ -111,9 +110,9 @@ def test_published_approach_1_takes_all_coefficients_for_as_long(
 def test_approach_2_keeps_the_strength_of_all_light(
     lit: Lit,
     model: Model,
-    shares_of: Callable[[int], Array],
+    shares_of: Callable[[int], Floats64],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     method: str,
 ) -> None:
@@ -166,7 +165,7 @@ def test_no_measured_surface_glows_in_approach_2(
     assert np.median(np.abs(ratio - 1)) < 0.045
 
 
-def _published_lengths(model: Model, lights: Array) -> Array:
+def _published_lengths(model: Model, lights: Floats64) -> Floats64:
     """Lengths of lights (…, 3) over that of neutral light, in the coordinates of Γ."""
     lengths = np.linalg.norm(lights @ model.published.T, axis=-1)
     return np.asarray(lengths / np.linalg.norm(model.published @ model.neutral))
@@ -193,7 +192,7 @@ def test_white_surfaces_become_neutral_under_any_lamps(
     camera: Camera,
     pair_of: Callable[..., Any],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     approach: Callable[..., Image],
     confidence: float,
 ) -> None:
@@ -257,7 +256,7 @@ def test_clipped_highlights_become_white(
     model: Model,
     pair_of: Callable[..., Any],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     approach: Callable[..., Image],
     colour: tuple[float, float, float],
     whitened: float,
@@ -283,7 +282,7 @@ def test_where_nothing_is_clipped_highlights_keep_their_colour(
     model: Model,
     pair_of: Callable[..., Any],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """As in float files that go on above 1: brighter by ten, it is ten times the same."""
     lamps = lamps_of(warm_to_cool[0])
@@ -300,7 +299,7 @@ def test_where_nothing_is_clipped_highlights_keep_their_colour(
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_paper_leaves_highlights_as_they_are(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+    lit: Lit, model: Model, warm_to_cool: Floats64, approach: Callable[..., Image]
 ) -> None:
     strip, lamps = lit(warm_to_cool)
     plain = approach(strip, lamps, model, "paper")
@@ -313,7 +312,7 @@ def test_paper_leaves_highlights_as_they_are(
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_a_lamp_without_blue_does_not_make_filled_in_pixels_glow(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+    lit: Lit, model: Model, warm_to_cool: Floats64, approach: Callable[..., Image]
 ) -> None:
     """The least blue a lamp is taken to have is a fiftieth of its strongest channel."""
     strip, lamps = lit(warm_to_cool[:1])
@@ -331,7 +330,7 @@ def test_a_lamp_without_blue_does_not_make_filled_in_pixels_glow(
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_a_lamp_that_shines_less_than_nothing_in_blue_counts_by_its_strongest_channel(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+    lit: Lit, model: Model, warm_to_cool: Floats64, approach: Callable[..., Image]
 ) -> None:
     strip, lamps = lit(warm_to_cool[:1])
     strip.confidence[...] = 0
@@ -346,7 +345,7 @@ def test_a_lamp_that_shines_less_than_nothing_in_blue_counts_by_its_strongest_ch
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_between_a_colour_and_none_a_lamp_is_believed_by_half(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+    lit: Lit, model: Model, warm_to_cool: Floats64, approach: Callable[..., Image]
 ) -> None:
     """How much green is made of blue grows as blue is fainter, and goes where there is too little.
 
@@ -367,7 +366,7 @@ def test_between_a_colour_and_none_a_lamp_is_believed_by_half(
 
 @pytest.mark.parametrize("flash", [(0.4, 1e-6, 1e-6), (1e-42, 2e-42, 1e-42)])
 def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
-    lit: Lit, model: Model, warm_to_cool: Array, flash: tuple[float, ...]
+    lit: Lit, model: Model, warm_to_cool: Floats64, flash: tuple[float, ...]
 ) -> None:
     """Colours of which the flash part holds next to nothing ask for any amount of light."""
     strip, lamps = lit(warm_to_cool[[0, 2]])
@@ -380,7 +379,7 @@ def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
 
 
 def test_published_approach_2_takes_a_flash_of_one_channel_for_what_it_is(
-    lit: Lit, model: Model, warm_to_cool: Array
+    lit: Lit, model: Model, warm_to_cool: Floats64
 ) -> None:
     """‖β‖/‖b_n‖ T_n I_f, with β from I_nf = Σ_j β_j D_j I_f, however bright that becomes."""
     strip, lamps = lit(warm_to_cool[[0, 2]])
@@ -404,7 +403,7 @@ def test_dark_pixels_stay_finite_and_not_negative(
     pair_of: Callable[..., Any],
     model: Model,
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     approach: Callable[..., Image],
     method: str,
     value: float,
@@ -421,7 +420,7 @@ def test_dark_pixels_stay_finite_and_not_negative(
 
 @pytest.mark.parametrize("method", ["paper", "best"])
 def test_both_approaches_at_once_are_what_they_are_alone(
-    lit: Lit, model: Model, warm_to_cool: Array, method: str
+    lit: Lit, model: Model, warm_to_cool: Floats64, method: str
 ) -> None:
     strip, lamps = lit(warm_to_cool)
     strip.confidence[10:20] = 0.3
@@ -437,7 +436,7 @@ def test_both_approaches_at_once_are_what_they_are_alone(
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_approaches_are_what_they_are_defined_to_be(
-    lit: Lit, model: Model, warm_to_cool: Array, count: int
+    lit: Lit, model: Model, warm_to_cool: Floats64, count: int
 ) -> None:
     """With noise, negative values, and a flash that does not reach everywhere."""
     strip, lamps = lit(warm_to_cool[:count])
@@ -460,7 +459,7 @@ def test_approaches_are_what_they_are_defined_to_be(
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_confidence_is_the_share_of_the_flash_photograph(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+    lit: Lit, model: Model, warm_to_cool: Floats64, approach: Callable[..., Image]
 ) -> None:
     strip, lamps = lit(warm_to_cool)
     trust = np.random.default_rng(2).uniform(0, 1, strip.confidence.shape).astype(np.float32)

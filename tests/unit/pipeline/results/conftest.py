@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.estimate import Estimate
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import ReducedPair, reduce_pair
@@ -20,7 +20,6 @@ from pipeline.results.outputs import Outputs
 from pipeline.results.pictures import Pictures
 from tests.surfaces import wall
 
-Array = NDArray[np.float64]
 ENTRIES: list[dict[str, Any]] = [
     {"name": "lamp1", "cct_k": 2850, "family": "incandescent", "family_confidence": 0.934},
     {"name": "lamp2", "cct_k": None, "family": "RGB LED", "family_confidence": 0.4},
@@ -55,7 +54,7 @@ def facing() -> Facing:
 
 
 @pytest.fixture
-def reduced(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> ReducedPair:
+def reduced(exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64) -> ReducedPair:
     """A reduced pair of 96 × 64 pixels with two lamps."""
     return reduce_pair(exact(warm_to_cool[[0, 2]])[0])
 
@@ -67,7 +66,7 @@ def written(
     reduced: ReducedPair,
     model: Model,
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     tmp_path: Path,
 ) -> Callable[..., list[dict[str, Any]]]:
     """Write outputs into a folder, 16 rows at a time; returns what is said of them."""

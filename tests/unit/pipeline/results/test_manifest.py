@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.temperature import cct_duv
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Exposure, Frame
@@ -25,16 +25,14 @@ from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture
 def manifest_of(
     frame: Callable[..., Frame],
     model: Model,
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> Callable[..., dict[str, Any]]:
     """Build a manifest of a pair with two lamps; every argument can be replaced."""
 

@@ -14,6 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
 from pipeline.lamps.model import build_model
 from pipeline.output_names import OUTPUT_NAMES
@@ -24,8 +25,6 @@ from pipeline.results.pictures import Pictures
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 from tests.layers import planes_of
-
-Array = NDArray[np.float64]
 
 
 def shown(path: Path) -> NDArray[np.uint8]:
@@ -294,7 +293,7 @@ def test_layers_through_the_other_camera_are_shown_on_the_scale_of_the_photograp
     """Light adds up: the sum of the linear layers is the linear photograph."""
     responded("response.jpg", "response_lamps.jpg")
 
-    def light(name: str) -> Array:
+    def light(name: str) -> Floats64:
         code = shown(tmp_path / name) / 255
         return np.where(code < 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 

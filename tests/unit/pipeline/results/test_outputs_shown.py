@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from psd_tools import PSDImage
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.lamps.model import Model, build_model
@@ -23,7 +24,6 @@ from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 
-Array = NDArray[np.float64]
 SIZE = (40, 64)
 
 
@@ -147,7 +147,7 @@ def test_layers_are_shown_on_the_scale_of_the_photograph(
 
 
 @pytest.fixture(params=["D65", "A"])
-def neutral(request: pytest.FixtureRequest, camera: Camera) -> tuple[Model, Array, Array]:
+def neutral(request: pytest.FixtureRequest, camera: Camera) -> tuple[Model, Floats64, Floats64]:
     """A model with this neutral light, a white card under it as the camera sees it, and its XYZ."""
     light = find_light(request.param)
     seen, xyz = camera.sensitivities @ light, cie_1931() @ light
@@ -158,7 +158,7 @@ def neutral(request: pytest.FixtureRequest, camera: Camera) -> tuple[Model, Arra
 def test_neutral_pictures_are_shown_in_the_colour_of_their_light_and_as_bright_as_their_overview(
     written: Callable[..., list[dict[str, Any]]],
     pictures: Pictures,
-    neutral: tuple[Model, Array, Array],
+    neutral: tuple[Model, Floats64, Floats64],
     tmp_path: Path,
     number: int,
 ) -> None:
@@ -200,7 +200,7 @@ def test_the_thumbnail_shows_the_photograph(
 def test_a_mesh_is_of_the_surface_and_shows_the_neutral_picture(
     written: Callable[..., list[dict[str, Any]]],
     pictures: Pictures,
-    neutral: tuple[Model, Array, Array],
+    neutral: tuple[Model, Floats64, Floats64],
     tmp_path: Path,
 ) -> None:
     """A wall at depth 1.25 below the fifth row, seen with a focal length of 100 pixels."""

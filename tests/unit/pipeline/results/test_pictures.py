@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
 from pipeline.lamps.model import Model, build_model
@@ -23,7 +23,6 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 from tests.surfaces import wall
 
-Array = NDArray[np.float64]
 NAMES = ("white_balanced_1", "white_balanced_2", "normals", "normals_confidence", "response")
 
 
@@ -34,9 +33,9 @@ def model_with_response(camera: Camera) -> Model:
 
 @pytest.fixture
 def seen_whole(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     model_with_response: Model,
 ) -> Callable[..., Pictures]:
     """Make the overview of the pair that `rendered` renders."""
@@ -62,9 +61,9 @@ def facing() -> Facing:
 
 @pytest.fixture
 def rendered(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     model_with_response: Model,
     facing: Facing,
 ) -> Callable[..., Pictures]:
@@ -177,8 +176,8 @@ def test_the_overview_is_as_bright_as_the_pictures(
 def test_floats_that_go_on_above_1_keep_the_colours_of_their_highlights(
     rendered: Callable[..., Pictures],
     seen_whole: Callable[..., Pictures],
-    exact: Callable[..., tuple[Pair, Array]],
-    warm_to_cool: Array,
+    exact: Callable[..., tuple[Pair, Floats64]],
+    warm_to_cool: Floats64,
     whole: bool,
 ) -> None:
     """Under the neutral light, where clipped ones become white."""

@@ -2,22 +2,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32
 from pipeline.results.tally import Tally
 
 SIZE = (12, 7)
 
 
 @pytest.fixture
-def strip() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def strip() -> tuple[Floats32, Floats32]:
     """Layers of two lamps, some of it below black, and a confidence."""
     rng = np.random.default_rng(4)
     layers = rng.uniform(-0.1, 1.0, (2, *SIZE, 3)).astype(np.float32)
     return layers, rng.uniform(0, 1, SIZE).astype(np.float32)
 
 
-def tallied(layers: NDArray[np.float32], confidence: NDArray[np.float32], strip_rows: int) -> Tally:
+def tallied(layers: Floats32, confidence: Floats32, strip_rows: int) -> Tally:
     tally = Tally(len(layers), *confidence.shape)
     for top in range(0, len(confidence), strip_rows):
         rows = slice(top, top + strip_rows)
@@ -26,7 +26,7 @@ def tallied(layers: NDArray[np.float32], confidence: NDArray[np.float32], strip_
 
 
 def test_each_lamp_has_the_share_of_its_light_that_was_separated(
-    strip: tuple[NDArray[np.float32], NDArray[np.float32]],
+    strip: tuple[Floats32, Floats32],
 ) -> None:
     """Σ confidence · layer ÷ Σ layer, of what is above black."""
     layers, confidence = strip
@@ -49,9 +49,7 @@ def test_pixels_of_little_confidence_count_as_filled_in() -> None:
 
 
 @pytest.mark.parametrize("strip_rows", [1, 5])
-def test_strips_count_the_same(
-    strip: tuple[NDArray[np.float32], NDArray[np.float32]], strip_rows: int
-) -> None:
+def test_strips_count_the_same(strip: tuple[Floats32, Floats32], strip_rows: int) -> None:
     whole, cut = tallied(*strip, 12), tallied(*strip, strip_rows)
 
     assert cut.filled == whole.filled

@@ -5,22 +5,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import reduce_pair
 from pipeline.separation.fill import Surroundings
 from pipeline.separation.proportions import model_proportions
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture
 def surroundings(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
-) -> tuple[Surroundings, NDArray[np.float32]]:
+    warm_to_cool: Floats64,
+) -> tuple[Surroundings, Floats32]:
     """Surroundings of a pair with a clipped hole, and the true proportions of its lamps."""
     clipped = np.zeros((64, 96), bool)
     clipped[20:40, 30:60] = True
@@ -33,7 +31,7 @@ def surroundings(
 
 
 def test_surroundings_fill_a_hole_with_the_light_around_it(
-    surroundings: tuple[Surroundings, NDArray[np.float32]],
+    surroundings: tuple[Surroundings, Floats32],
 ) -> None:
     around, true = surroundings
 
@@ -47,10 +45,10 @@ def test_surroundings_fill_a_hole_with_the_light_around_it(
 
 
 def test_surroundings_reach_the_full_size_of_a_reduced_pair(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     pair_of: Callable[..., Any],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """1030 pixels are reduced by three, so that the last column belongs to no block."""
     small, _ = exact(warm_to_cool[[0, 2]])
@@ -69,7 +67,7 @@ def test_surroundings_of_a_reduced_pair_lie_where_they_belong(
     pair_of: Callable[..., Any],
     model: Model,
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """Warm light left of column 516, cool light right of it, blocks of three pixels."""
     lamps = lamps_of(warm_to_cool[[0, 2]])
@@ -86,7 +84,7 @@ def test_surroundings_of_a_reduced_pair_lie_where_they_belong(
 
 
 def test_blocks_have_the_proportions_of_their_middle(
-    surroundings: tuple[Surroundings, NDArray[np.float32]],
+    surroundings: tuple[Surroundings, Floats32],
 ) -> None:
     around, true = surroundings
 

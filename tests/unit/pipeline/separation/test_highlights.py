@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
@@ -24,7 +25,6 @@ from pipeline.spectra.matrices import best_matrix
 from tests.definitions.highlights import deal_out
 from tests.definitions.separation import separate as defined_separate
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SIZE = (120, 160)
 PLACES = ((0.25, 0.25), (0.25, 0.7), (0.72, 0.5))
@@ -39,7 +39,7 @@ class Scene:
 
     pair: Pair
     lamps: Lamps
-    layers: Array
+    layers: Floats64
     mirrors: Mask
 
     @property
@@ -56,13 +56,13 @@ def discs(size: tuple[int, int], radius: float = RADIUS) -> Mask:
     )
 
 
-def balanced(light: Array) -> dict[str, Array]:
+def balanced(light: Floats64) -> dict[str, Floats64]:
     """Weights of the channels, as lamps that were found have them."""
     return {"channel_weights": 1 / light.mean(axis=(0, 1))}
 
 
 def noisy(
-    light: Array, flash: Array, noise: Noise | None, pair_of: Callable[..., Pair], **more: Any
+    light: Floats64, flash: Floats64, noise: Noise | None, pair_of: Callable[..., Pair], **more: Any
 ) -> Pair:
     """A pair with the noise of a sensor, which it says that it has."""
     if not noise:
@@ -74,7 +74,7 @@ def noisy(
 
 
 @pytest.fixture
-def paints(surfaces: Array, model: Model) -> Array:
+def paints(surfaces: Floats64, model: Model) -> Floats64:
     """Measured surfaces (m, 3) under the flash, those of the most saturated colours first."""
     white = model.flash_white / model.flash_white.sum()
     off = surfaces / surfaces.sum(axis=1, keepdims=True) - white
@@ -84,10 +84,10 @@ def paints(surfaces: Array, model: Model) -> Array:
 @pytest.fixture
 def scene(
     model: Model,
-    paints: Array,
+    paints: Floats64,
     pair_of: Callable[..., Pair],
     lamps_of: Callable[..., Lamps],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> Callable[..., Scene]:
     """Make red paint in even light, with patches that mirror one lamp, the other, and the flash.
 
@@ -101,7 +101,7 @@ def scene(
         of_flash: float = 0.03,
         size: tuple[int, int] = SIZE,
         noise: Noise | None = None,
-        paint: Array = paints[0],
+        paint: Floats64 = paints[0],
         radius: float = RADIUS,
         **more: Any,
     ) -> Scene:
@@ -123,10 +123,10 @@ def scene(
 
 
 @pytest.fixture
-def layers_by(model: Model, monkeypatch: pytest.MonkeyPatch) -> Callable[..., NDArray[np.float32]]:
+def layers_by(model: Model, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Floats32]:
     """Layers that separate gives of a scene, in strips; without highlights by matt light alone."""
 
-    def run(scene: Scene, rows: int = 1000, highlights: bool = True) -> NDArray[np.float32]:
+    def run(scene: Scene, rows: int = 1000, highlights: bool = True) -> Floats32:
         with monkeypatch.context() as patch:
             if not highlights:
                 patch.setattr(separation, "find_highlights", lambda *_: None)
@@ -181,7 +181,7 @@ def test_each_highlight_is_found_and_nothing_else(
 def test_highlights_are_dealt_out_to_what_is_mirrored(
     scene: Callable[..., Scene],
     model: Model,
-    layers_by: Callable[..., NDArray[np.float32]],
+    layers_by: Callable[..., Floats32],
     gloss: float,
     of_flash: float,
     errors: tuple[float, ...],
@@ -205,7 +205,7 @@ def test_highlights_are_dealt_out_to_what_is_mirrored(
 
 
 def test_highlights_in_noise_are_dealt_out_nearly_as_well(
-    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., Floats32]
 ) -> None:
     glossy = scene(noise=LOUD)
     found = find_highlights(glossy.reduced, glossy.lamps, model.flash_white)
@@ -220,7 +220,7 @@ def test_highlights_in_noise_are_dealt_out_nearly_as_well(
 
 
 def test_highlights_of_large_pictures_are_found_by_blocks(
-    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., Floats32]
 ) -> None:
     """Blocks of two pixels, and a row and a column that belong to none."""
     glossy = scene(size=(483, 641))
@@ -244,7 +244,7 @@ def test_highlights_of_large_pictures_are_found_by_blocks(
 @pytest.mark.parametrize("size", [SIZE, (110, 600)], ids=["pixels", "blocks"])
 def test_highlights_do_not_depend_on_the_strips_by_a_bit(
     scene: Callable[..., Scene],
-    layers_by: Callable[..., NDArray[np.float32]],
+    layers_by: Callable[..., Floats32],
     size: tuple[int, int],
 ) -> None:
     glossy = scene(size=size)
@@ -256,7 +256,7 @@ def test_highlights_do_not_depend_on_the_strips_by_a_bit(
 
 
 def test_clipped_highlights_are_filled_in_from_the_surroundings(
-    scene: Callable[..., Scene], layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], layers_by: Callable[..., Floats32]
 ) -> None:
     clipped = discs(SIZE, RADIUS + 0.01).any(axis=0)
     glossy = scene(unusable=clipped)
@@ -272,7 +272,7 @@ def test_clipped_highlights_are_filled_in_from_the_surroundings(
 
 
 def test_pixels_that_are_clipped_within_a_highlight_are_filled_in(
-    scene: Callable[..., Scene], layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], layers_by: Callable[..., Floats32]
 ) -> None:
     clipped = np.zeros(SIZE, bool)
     clipped[30, 40] = True
@@ -290,12 +290,12 @@ def test_pixels_that_are_clipped_within_a_highlight_are_filled_in(
 @pytest.mark.parametrize("noise", [None, LOUD], ids=["exact", "noisy"])
 @pytest.mark.parametrize("kind", ["exact", "shadowed"])
 def test_matt_surfaces_have_no_highlights(
-    exact: Callable[..., tuple[Pair, Array]],
-    shadowed: Callable[[Array], Pair],
+    exact: Callable[..., tuple[Pair, Floats64]],
+    shadowed: Callable[[Floats64], Pair],
     pair_of: Callable[..., Pair],
     lamps_of: Callable[..., Lamps],
     model: Model,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     kind: str,
     noise: Noise | None,
 ) -> None:
@@ -316,7 +316,7 @@ def test_measured_paints_that_matrices_describe_nearly_are_hardly_changed(
     model: Model,
     pair_of: Callable[..., Pair],
     lamps_of: Callable[..., Lamps],
-    layers_by: Callable[..., NDArray[np.float32]],
+    layers_by: Callable[..., Floats32],
     noise: Noise | None,
     first: int,
 ) -> None:
@@ -350,7 +350,7 @@ def test_measured_paints_that_matrices_describe_nearly_are_hardly_changed(
 
 
 def test_on_grey_a_highlight_is_the_light_of_its_lamp_as_it_is(
-    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., Floats32]
 ) -> None:
     grey = scene(paint=0.3 * model.flash_white)
 
@@ -363,8 +363,8 @@ def test_on_grey_a_highlight_is_the_light_of_its_lamp_as_it_is(
 def test_a_highlight_that_paint_could_have_the_colour_of_is_told_by_its_brightness(
     scene: Callable[..., Scene],
     model: Model,
-    layers_by: Callable[..., NDArray[np.float32]],
-    paints: Array,
+    layers_by: Callable[..., Floats32],
+    paints: Floats64,
     index: int,
     radius: float,
     told: bool,
@@ -387,10 +387,10 @@ def test_a_highlight_that_paint_could_have_the_colour_of_is_told_by_its_brightne
 @pytest.mark.parametrize(("across", "told"), [(6, False), (16, True)])
 def test_a_colour_that_nothing_around_has_tells_no_highlight(
     model: Model,
-    paints: Array,
+    paints: Floats64,
     pair_of: Callable[..., Pair],
     lamps_of: Callable[..., Lamps],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     across: int,
     told: bool,
 ) -> None:
@@ -413,7 +413,7 @@ def test_of_another_number_of_lamps_no_highlights_are_found(
     scene: Callable[..., Scene],
     model: Model,
     lamps_of: Callable[..., Lamps],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     chosen: list[int],
 ) -> None:
     lamps = lamps_of(warm_to_cool[chosen])
@@ -422,7 +422,7 @@ def test_of_another_number_of_lamps_no_highlights_are_found(
 
 
 def test_where_nothing_can_be_used_there_are_no_highlights(
-    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., Floats32]
 ) -> None:
     closed = scene(unusable=np.ones(SIZE, bool))
 
@@ -434,8 +434,8 @@ def test_where_nothing_can_be_used_there_are_no_highlights(
 def test_small_pictures_of_a_few_pixels_do_no_harm(
     pair_of: Callable[..., Pair],
     lamps_of: Callable[..., Lamps],
-    layers_by: Callable[..., NDArray[np.float32]],
-    warm_to_cool: Array,
+    layers_by: Callable[..., Floats32],
+    warm_to_cool: Floats64,
     size: tuple[int, int],
 ) -> None:
     """All of it mirrored light, or whatever it may be."""
@@ -451,7 +451,7 @@ def test_small_pictures_of_a_few_pixels_do_no_harm(
 
 
 def test_black_pixels_stay_black(
-    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., NDArray[np.float32]]
+    scene: Callable[..., Scene], model: Model, layers_by: Callable[..., Floats32]
 ) -> None:
     """One in a highlight, a row across another, and all that is left of a third."""
     glossy = scene()
@@ -487,7 +487,7 @@ def test_the_published_method_asks_for_no_highlights(
 def test_layers_with_highlights_are_what_they_are_defined_to_be(
     scene: Callable[..., Scene],
     model: Model,
-    layers_by: Callable[..., NDArray[np.float32]],
+    layers_by: Callable[..., Floats32],
     more: dict[str, Any],
 ) -> None:
     glossy = scene(noise=LOUD, **more)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import by_planes
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.model import Model
@@ -18,12 +18,10 @@ from pipeline.separation.highlights import Highlights, find_highlights
 from tests.definitions import highlights as definition
 from tests.reduced_pairs import reduced_pair
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture
 def spotted(
-    lamps_of: Callable[..., Lamps], model: Model, surfaces: Array, warm_to_cool: Array
+    lamps_of: Callable[..., Lamps], model: Model, surfaces: Floats64, warm_to_cool: Floats64
 ) -> Callable[..., tuple[ReducedPair, Lamps]]:
     """Make patches of any paint, with noise, dead blocks and spots that mirror anything."""
 
@@ -91,12 +89,12 @@ class Blend:
     """Pixels of anything in highlights of anything, and proportions of matt light there."""
 
     highlights: Highlights
-    no_flash: NDArray[np.float32]
-    flash: NDArray[np.float32]
+    no_flash: Floats32
+    flash: Floats32
     lamps: Lamps
-    proportions: NDArray[np.float32]
+    proportions: Floats32
 
-    def dealt(self) -> NDArray[np.float32]:
+    def dealt(self) -> Floats32:
         """What deal_out makes of them."""
         rows = slice(0, len(self.flash))
         return self.highlights.deal_out(
@@ -106,7 +104,7 @@ class Blend:
 
 @pytest.fixture
 def blend(
-    lamps_of: Callable[..., Lamps], model: Model, warm_to_cool: Array
+    lamps_of: Callable[..., Lamps], model: Model, warm_to_cool: Floats64
 ) -> Callable[..., Blend]:
     """Make blocks of every kind side by side, one in three of none, three pixels across."""
 

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.model import Model
 from pipeline.matrixfit.deviations import TERMS, Deviations
 from pipeline.separation.proportions import model_proportions, predictions
 from tests.definitions import pixels
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -21,7 +19,7 @@ def test_predictions_are_the_flash_part_through_each_lamp(
     model: Model,
     lamps_of: Callable[..., Any],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     lamps = lamps_of(warm_to_cool[:count])
@@ -35,7 +33,9 @@ def test_predictions_are_the_flash_part_through_each_lamp(
         )
 
 
-def test_predictions_are_never_negative(lamps_of: Callable[..., Any], warm_to_cool: Array) -> None:
+def test_predictions_are_never_negative(
+    lamps_of: Callable[..., Any], warm_to_cool: Floats64
+) -> None:
     flash = np.random.default_rng(2).normal(0, 1, (20, 20, 3)).astype(np.float32)
 
     assert predictions(flash, lamps_of(warm_to_cool)).min() == 0
@@ -44,10 +44,10 @@ def test_predictions_are_never_negative(lamps_of: Callable[..., Any], warm_to_co
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("weights", [(1, 1, 1), (0.3, 1, 4)], ids=["equal", "unequal"])
 def test_proportions_are_those_of_the_layers(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     weights: tuple[float, ...],
 ) -> None:
@@ -62,10 +62,10 @@ def test_proportions_are_those_of_the_layers(
 @pytest.mark.parametrize("scale", [1e3, 1e-2, 1e-4])
 @pytest.mark.parametrize("count", [2, 3])
 def test_proportions_do_not_depend_on_how_bright_a_pixel_is(
-    exact: Callable[..., tuple[Any, Array]],
+    exact: Callable[..., tuple[Any, Floats64]],
     lamps_of: Callable[..., Any],
     flash_part: Image,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     scale: float,
 ) -> None:
@@ -79,7 +79,7 @@ def test_proportions_do_not_depend_on_how_bright_a_pixel_is(
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_proportions_sum_to_one_whatever_the_pixels_hold(
-    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int
+    lamps_of: Callable[..., Any], warm_to_cool: Floats64, count: int
 ) -> None:
     rng = np.random.default_rng(4)
     no_flash, flash = rng.normal(0.05, 0.1, (2, 40, 40, 3)).astype(np.float32)
@@ -93,7 +93,7 @@ def test_proportions_sum_to_one_whatever_the_pixels_hold(
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_without_light_every_lamp_has_an_equal_part(
-    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int
+    lamps_of: Callable[..., Any], warm_to_cool: Floats64, count: int
 ) -> None:
     black = np.zeros((2, 2, 3), np.float32)
 
@@ -137,7 +137,7 @@ def test_channel_weights_settle_what_counts_where_the_model_does_not_fit(
 @pytest.mark.parametrize("bent", [0.0, 0.003], ids=["matrices", "deviations"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_proportions_are_what_they_are_defined_to_be(
-    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int, bent: float
+    lamps_of: Callable[..., Any], warm_to_cool: Floats64, count: int, bent: float
 ) -> None:
     rng = np.random.default_rng(9)
     no_flash, flash = rng.uniform(0, 1, (2, 50, 60, 3)).astype(np.float32)

@@ -6,21 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.lamps.model import Model
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.separation.pure_light import without_pure_light
 
-Array = NDArray[np.float64]
 Build = Callable[..., Any]
 
 
 @pytest.fixture
-def lit(model: Model, flash_part: Array, pair_of: Build) -> Callable[..., ReducedPair]:
+def lit(model: Model, flash_part: Floats64, pair_of: Build) -> Callable[..., ReducedPair]:
     """Light the patches by lamps (N, 3) in given shares (N, 64, 96)."""
 
-    def build(coefficients: Array, shares: Array) -> ReducedPair:
+    def build(coefficients: Floats64, shares: Floats64) -> ReducedPair:
         matrices = model.lamp_matrix(coefficients)
         light = np.einsum("nhw,nkl,hwl->hwk", shares, matrices, flash_part.astype(np.float64))
         return reduce_pair(pair_of(light, flash_part))
@@ -29,12 +28,12 @@ def lit(model: Model, flash_part: Array, pair_of: Build) -> Callable[..., Reduce
 
 
 @pytest.fixture
-def two(lamps_of: Build, warm_to_cool: Array) -> Any:
+def two(lamps_of: Build, warm_to_cool: Floats64) -> Any:
     """Two lamps that cast no shadow."""
     return lamps_of(warm_to_cool[[0, 2]], alone=np.zeros(2))
 
 
-def mixture(warm_least: float, warm_most: float) -> Array:
+def mixture(warm_least: float, warm_most: float) -> Floats64:
     """Shares of a warm lamp that bulge in the middle of the picture, the rest of a cool one."""
     v, u = np.mgrid[-1:1:64j, -1:1:96j]
     bulge = np.exp(-2 * (u**2 + v**2))
@@ -114,20 +113,20 @@ def test_an_area_of_one_lamp_tells_that_lamp(lit: Build, two: Any, lamp: int) ->
     assert without_pure_light(lit(two.coefficients, shares), two) == [1 - lamp]
 
 
-def test_edges_of_shadows_tell_a_lamp(lit: Build, lamps_of: Build, warm_to_cool: Array) -> None:
+def test_edges_of_shadows_tell_a_lamp(lit: Build, lamps_of: Build, warm_to_cool: Floats64) -> None:
     lamps = lamps_of(warm_to_cool[[0, 2]], alone=np.array([0.0011, 0.0009]))
 
     assert without_pure_light(lit(lamps.coefficients, mixture(0.2, 0.8)), lamps) == [1]
 
 
-def test_one_lamp_is_always_alone(lit: Build, lamps_of: Build, warm_to_cool: Array) -> None:
+def test_one_lamp_is_always_alone(lit: Build, lamps_of: Build, warm_to_cool: Floats64) -> None:
     lamps = lamps_of(warm_to_cool[:1], alone=np.zeros(1))
 
     assert without_pure_light(lit(lamps.coefficients, np.ones((1, 64, 96))), lamps) == []
 
 
 def test_a_lamp_found_a_little_off_is_still_seen_alone(
-    lit: Build, lamps_of: Build, warm_to_cool: Array
+    lit: Build, lamps_of: Build, warm_to_cool: Floats64
 ) -> None:
     """Pixels of one lamp then hold some of the other by the wrong lamps, all of them as much."""
     warm, _, cool = warm_to_cool

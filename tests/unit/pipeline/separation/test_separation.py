@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
 from pipeline.images.noise import Noise
 from pipeline.images.sigma_filter import sigma_filter
@@ -18,8 +18,7 @@ from pipeline.progress import Progress
 from pipeline.separation.separation import Strip, separate, separate_reduced
 from tests.definitions import separation as definition
 
-Array = NDArray[np.float64]
-Exact = Callable[..., tuple[Any, Array]]
+Exact = Callable[..., tuple[Any, Floats64]]
 LOUD = Noise(np.full(3, 2e-4), np.full(3, 1e-6))
 
 
@@ -46,10 +45,10 @@ def separated(model: Model) -> Callable[..., Strip]:
 
 
 @pytest.fixture
-def grainy(exact: Exact, pair_of: Callable[..., Any], warm_to_cool: Array) -> Callable[..., Any]:
+def grainy(exact: Exact, pair_of: Callable[..., Any], warm_to_cool: Floats64) -> Callable[..., Any]:
     """A pair with the noise of a sensor, a clipped place, and corners the flash does not reach."""
 
-    def build(count: int = 2, **more: Any) -> tuple[Any, Array]:
+    def build(count: int = 2, **more: Any) -> tuple[Any, Floats64]:
         chosen = warm_to_cool if count == 3 else warm_to_cool[[0, 2]][:count]
         clean, layers = exact(chosen)
         rng = np.random.default_rng(8)
@@ -74,7 +73,7 @@ def test_paper_is_exact_in_the_model(
     exact: Exact,
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     flash_only: bool,
 ) -> None:
@@ -91,7 +90,7 @@ def test_best_is_near_the_truth_in_the_model(
     exact: Exact,
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     flash_only: bool,
 ) -> None:
@@ -110,7 +109,7 @@ def test_a_flash_part_alone_may_be_in_any_units(
     exact: Exact,
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     times: float,
 ) -> None:
     loud = Noise(np.full(3, 1e-3), np.full(3, 1e-6))  # so that proportions are smoothed
@@ -125,7 +124,10 @@ def test_a_flash_part_alone_may_be_in_any_units(
 
 
 def test_noise_that_nobody_sees_is_not_averaged(
-    exact: Exact, separated: Callable[..., Strip], lamps_of: Callable[..., Any], warm_to_cool: Array
+    exact: Exact,
+    separated: Callable[..., Strip],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
 ) -> None:
     """What rounding to 16 bits does is no reason to smooth the kinks of the light."""
     noise = Noise(np.full(3, 1e-8), np.full(3, 1e-13))
@@ -143,7 +145,7 @@ def test_layers_of_best_add_up_to_the_photograph(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
 ) -> None:
     """In every pixel: clipped, dark, noisy and negative ones, too."""
@@ -163,7 +165,7 @@ def test_results_do_not_depend_on_the_strips_by_a_bit(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     method: str,
     rows: int,
     registration: float,
@@ -181,7 +183,7 @@ def test_best_is_less_noisy_than_paper(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     pair, layers = grainy(2)
     lamps = lamps_of(warm_to_cool[[0, 2]])
@@ -201,7 +203,7 @@ def test_clipped_pixels_and_their_neighbours_are_filled_in(
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
     pair_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     clean, layers = exact(warm_to_cool[[0, 2]])
     clipped = np.zeros(clean.unusable.shape, bool)
@@ -223,7 +225,7 @@ def test_places_the_flash_does_not_reach_are_filled_in(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """The corner is lit by the first lamp alone, as are its surroundings."""
     pair, layers = grainy(2)
@@ -241,7 +243,7 @@ def test_paper_leaves_clipped_pixels_as_they_come_but_says_so(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     pair, _ = grainy(2)
 
@@ -257,7 +259,7 @@ def test_a_pair_with_nothing_to_use_stays_finite(
     pair_of: Callable[..., Any],
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     flash_only: bool,
     method: str,
 ) -> None:
@@ -277,7 +279,7 @@ def test_fast_averages_less_noise_and_still_adds_up(
     grainy: Callable[..., Any],
     lamps_of: Any,
     rows: int,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     pair, _ = grainy(2)
     lamps = lamps_of(warm_to_cool[[0, 2]])
@@ -296,7 +298,7 @@ def test_fast_averages_less_noise_and_still_adds_up(
 
 @pytest.mark.parametrize("method", ["best", "paper"])
 def test_cancel_stops_between_strips(
-    exact: Exact, lamps_of: Callable[..., Any], model: Model, warm_to_cool: Array, method: Any
+    exact: Exact, lamps_of: Callable[..., Any], model: Model, warm_to_cool: Floats64, method: Any
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
     reports: list[float] = []
@@ -320,7 +322,7 @@ def test_best_is_what_it_is_defined_to_be(
     model: Model,
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
     count: int,
     more: dict[str, Any],
 ) -> None:
@@ -342,7 +344,7 @@ def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
     exact: Exact,
-    warm_to_cool: Array,
+    warm_to_cool: Floats64,
 ) -> None:
     """Even light on a painted step; the flash photograph lies two fifths of a pixel beside it."""
     chosen = warm_to_cool[[0, 2]]
@@ -351,7 +353,7 @@ def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
     lit = [clean.no_flash[30, 30], (clean.flash - clean.no_flash)[30, 30]]
     place = np.broadcast_to(np.arange(shape[1]) - shape[1] / 2 + 0.5, shape[:2])
 
-    def painted(shift: float) -> list[Array]:
+    def painted(shift: float) -> list[Floats64]:
         first = np.clip(place + shift + 0.5, 0, 1)[..., None]
         paint = 0.2 + first * (np.array([1.0, 0.3, 0.5]) - 0.2)
         return [light * paint for light in lit]
@@ -367,7 +369,7 @@ def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
 
 
 def test_a_reduced_pair_is_separated_about_as_the_pair(
-    exact: Exact, lamps_of: Callable[..., Any], warm_to_cool: Array
+    exact: Exact, lamps_of: Callable[..., Any], warm_to_cool: Floats64
 ) -> None:
     """Where it is clipped its light is the photograph's, dealt out as around."""
     clipped = np.zeros((64, 96), bool)

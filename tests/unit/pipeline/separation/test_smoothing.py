@@ -2,30 +2,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats, Floats32
 from pipeline.separation.smoothing import HALO, smooth_proportions
 from tests.definitions import pixels
 
-Array = NDArray[np.float32]
 HEIGHT, WIDTH = 60, 80
 EVERYWHERE = np.ones((HEIGHT, WIDTH), np.float32)
 
 
-def of_two(first: NDArray[np.floating]) -> Array:
+def of_two(first: Floats) -> Floats32:
     """Proportions (2, h, W, 3) of two lamps, equal in every channel."""
     both = np.stack([first, 1 - first])
     return np.repeat(both[..., None], 3, axis=3).astype(np.float32)
 
 
 def smoothed(
-    proportions: Array,
-    no_flash: NDArray[np.floating],
-    flash: NDArray[np.floating] | float = 0.3,
-    trust: Array = EVERYWHERE,
+    proportions: Floats32,
+    no_flash: Floats,
+    flash: Floats | float = 0.3,
+    trust: Floats32 = EVERYWHERE,
     rows: int = HEIGHT,
     uncertainty: float = 1.0,
-) -> Array:
+) -> Floats32:
     """Smooth in strips of so many rows, each with its halo. no_flash, flash: (h, W) brightness."""
     unsure = np.full((HEIGHT, WIDTH), uncertainty, np.float32)
     light, flashed = (
@@ -46,26 +45,26 @@ def smoothed(
 
 
 @pytest.fixture
-def noisy() -> Array:
+def noisy() -> Floats32:
     """Proportions of 0.7 and 0.3, with noise."""
     drawn = np.random.default_rng(1).normal(0.7, 0.1, (HEIGHT, WIDTH))
     return of_two(np.clip(drawn, 0, 1))
 
 
-def test_noise_is_averaged_away_where_the_light_is_even(noisy: Array) -> None:
+def test_noise_is_averaged_away_where_the_light_is_even(noisy: Floats32) -> None:
     found = smoothed(noisy, np.full((HEIGHT, WIDTH), 0.4))
 
     assert found.dtype == np.float32
     assert np.abs(found[0] - 0.7).mean() < 0.2 * np.abs(noisy[0] - 0.7).mean()
 
 
-def test_what_noise_cannot_have_done_stays(noisy: Array) -> None:
+def test_what_noise_cannot_have_done_stays(noisy: Floats32) -> None:
     exact = smoothed(noisy, np.full((HEIGHT, WIDTH), 0.4), uncertainty=1e-4)
 
     np.testing.assert_allclose(exact, noisy, atol=2e-3)
 
 
-def test_patterns_of_the_surface_do_not_show(noisy: Array) -> None:
+def test_patterns_of_the_surface_do_not_show(noisy: Floats32) -> None:
     """A checkered cloth under even light: lamps and flash see the same pattern, which cancels."""
     cloth = 0.2 + 0.6 * (np.indices((HEIGHT, WIDTH)).sum(axis=0) // 4 % 2)
 
@@ -85,7 +84,7 @@ def test_the_edge_of_a_shadow_stays_sharp() -> None:
     np.testing.assert_allclose(found[0, ..., 1], first, atol=0.02)
 
 
-def test_pixels_that_are_not_trusted_take_from_those_around(noisy: Array) -> None:
+def test_pixels_that_are_not_trusted_take_from_those_around(noisy: Floats32) -> None:
     trust = EVERYWHERE.copy()
     trust[20:24, 30:34] = 0
     noisy[:, 20:24, 30:34] = np.array([0.0, 1.0])[:, None, None, None]
@@ -132,14 +131,14 @@ def test_even_proportions_stay_as_they_are() -> None:
     np.testing.assert_allclose(found[0], 0.35, atol=1e-4)
 
 
-def test_without_any_light_nothing_breaks(noisy: Array) -> None:
+def test_without_any_light_nothing_breaks(noisy: Floats32) -> None:
     found = smoothed(noisy, np.zeros((HEIGHT, WIDTH)), 0.0)
 
     np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("rows", [1, 7, 16, 59])
-def test_rows_may_be_cut_anywhere(noisy: Array, rows: int) -> None:
+def test_rows_may_be_cut_anywhere(noisy: Floats32, rows: int) -> None:
     light = np.random.default_rng(4).uniform(0, 0.8, (HEIGHT, WIDTH))
     trust = (np.random.default_rng(5).uniform(size=(HEIGHT, WIDTH)) > 0.3).astype(np.float32)
 
@@ -149,7 +148,7 @@ def test_rows_may_be_cut_anywhere(noisy: Array, rows: int) -> None:
     np.testing.assert_array_equal(cut, whole)
 
 
-def test_what_noise_cannot_have_done_is_left(noisy: Array) -> None:
+def test_what_noise_cannot_have_done_is_left(noisy: Floats32) -> None:
     """A detail that the guide does not show, in proportions that are known well, or hardly."""
     detail = of_two(np.full((HEIGHT, WIDTH), 0.7))
     detail[:, 30:32, 40:42] = np.array([0.1, 0.9])[:, None, None, None]

@@ -2,15 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.hui2018.invariant import flash_tensor
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
 from tests.angles import angles
 
-Array = NDArray[np.float64]
 KINDS = ("wpca", "pca", "joint")
 
 
@@ -117,7 +116,7 @@ def test_weighted_basis_spans_the_leading_weighted_spectra(camera: Camera) -> No
         assert np.linalg.norm(learnt @ leading) == pytest.approx(1, abs=1e-9)
 
 
-def lost(kind: str, s: Array, rho: Array, lamps: Array) -> float:
+def lost(kind: str, s: Floats64, rho: Floats64, lamps: Floats64) -> float:
     """Share of the responses M[k, m, n] that no coefficients of surfaces and lamps explain."""
     lamps = lamps / lamps.sum(axis=1, keepdims=True)
     measured = np.einsum("mw,kw,nw->kmn", rho, s, lamps)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
@@ -232,7 +232,7 @@ def test_an_unmeasured_sensor_is_approximated_from_its_matrix(frame_of: FrameOf)
 
 @pytest.mark.parametrize("matrix", [None, XYZ_TO_D700])
 def test_rendered_pictures_get_the_stand_in_whatever_took_them(
-    frame_of: FrameOf, matrix: NDArray[np.float64] | None
+    frame_of: FrameOf, matrix: Floats64 | None
 ) -> None:
     frame = frame_of("NIKON CORPORATION", "NIKON D5100", "srgb", matrix)
 
@@ -266,7 +266,7 @@ def test_a_sensor_of_which_nothing_is_known_counts_as_a_typical_one(frame_of: Fr
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), -np.eye(3)], ids=["0", "-1"])
 def test_a_sensor_with_the_matrix_of_none_counts_as_a_typical_one(
-    frame_of: FrameOf, matrix: NDArray[np.float64]
+    frame_of: FrameOf, matrix: Floats64
 ) -> None:
     """Of negative numbers hardly any sensitivity is left."""
     found = find_camera(None, frame_of("ACME", "One", "raw", matrix))

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats64
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.grid import WAVELENGTHS_NM, on_grid
 from pipeline.spectra.library import colour_science
@@ -14,14 +14,14 @@ colour = colour_science()
 
 
 @pytest.fixture(scope="module")
-def nikon() -> NDArray[np.float64]:
+def nikon() -> Floats64:
     table = colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
     return on_grid(table.wavelengths, table.values, "zero").T
 
 
 @pytest.mark.parametrize(("light", "mean", "worst"), [("D65", 1.0, 3.5), ("A", 1.3, 5.0)])
 def test_a_color_checker_through_a_measured_camera(
-    nikon: NDArray[np.float64], light: str, mean: float, worst: float
+    nikon: Floats64, light: str, mean: float, worst: float
 ) -> None:
     """CIEDE2000 of the 24 patches between the camera's XYZ and the observer's."""
     illuminant = find_light(light)
@@ -52,7 +52,7 @@ def test_the_observer_itself_needs_no_more_than_a_scale() -> None:
     np.testing.assert_allclose(matrix, scale * np.eye(3), atol=1e-6 * scale)
 
 
-def test_a_camera_of_two_colours_is_refused(nikon: NDArray[np.float64]) -> None:
+def test_a_camera_of_two_colours_is_refused(nikon: Floats64) -> None:
     blind = nikon.copy()
     blind[2] = 0
     with pytest.raises(np.linalg.LinAlgError):

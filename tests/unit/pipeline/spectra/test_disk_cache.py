@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 import pipeline
+from pipeline.arrays import Floats64
 from pipeline.spectra.disk_cache import cached_on_disk
 
-Make = Callable[[int], NDArray[np.float64]]
+Make = Callable[[int], Floats64]
 CALLS: list[int] = []
 
 
@@ -25,7 +26,7 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     CALLS.clear()
 
     @cached_on_disk
-    def ramp(length: int) -> NDArray[np.float64]:
+    def ramp(length: int) -> Floats64:
         CALLS.append(length)
         return np.arange(length) / 3
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 import pipeline.mixes.mix_files
+from pipeline.arrays import Floats32
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.decode.exr import read_exr
 from pipeline.encode.exr import write_exr
@@ -32,11 +32,11 @@ def results(tmp_path: Path) -> Path:
     return folder
 
 
-def mixed(results: Path, *flags: str) -> NDArray[np.float32]:
+def mixed(results: Path, *flags: str) -> Floats32:
     """One pixel of the mix."""
     target = results.parent / "mix.exr"
     assert run(["mix", str(results), "-o", str(target), *flags]) == 0
-    found: NDArray[np.float32] = read_exr(target.read_bytes()).values[0, 0]
+    found: Floats32 = read_exr(target.read_bytes()).values[0, 0]
     return found
 
 
