@@ -9,7 +9,7 @@ from pipeline.doubts import doubts, doubts_of_published
 from pipeline.images.frames import Frame
 from pipeline.lamps.known_lamps import find_known
 from pipeline.lamps.lamps import Lamps, estimate_lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.output_names import outputs_with
 from pipeline.pair.pair import Pair

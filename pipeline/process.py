@@ -14,8 +14,8 @@ from pipeline.images.frames import Frame, release_photograph
 from pipeline.images.memory import release_rows, trim_memory
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.lamps.known_lamps import check_places
-from pipeline.lamps.model import Model, build_model
 from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
+from pipeline.light.model import Model, build_model
 from pipeline.manifest_parts import write_manifest
 from pipeline.mixes.mix import mix_basis
 from pipeline.options import Options

@@ -14,7 +14,7 @@ from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.pruning import prune
 from pipeline.hui2018.three_lights import three_lights
 from pipeline.hui2018.two_lights import two_lights
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import unit
 

@@ -15,8 +15,8 @@ from pipeline.arrays import Floats32, Floats64
 from pipeline.errors import OptionError
 from pipeline.images.frames import Image, Matrix
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
-from pipeline.lamps.shares import shares
+from pipeline.light.model import Model
+from pipeline.light.shares import shares
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.directions import likely_orders, unit_directions

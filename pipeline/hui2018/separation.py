@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.vectors import unit
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.images.frames import Image, Matrix
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.separation.proportions import predictions
 from pipeline.separation.separation import Strip
 

@@ -1,1 +1,1 @@
-"""Which lamps light a pair: the model of their light, their number, and who they are."""
+"""Which lamps light a pair: their number, and who they are."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import evidence_of_area, evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin

@@ -15,7 +15,7 @@ from pipeline.hui2018.pruning import prune
 from pipeline.images.frames import Matrix
 from pipeline.lamps.contradictions import contradictions
 from pipeline.lamps.count import DOUBTFUL, MUCH_LEFT, UNSURE, Count, count_lamps, signs_of_fourth
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import (

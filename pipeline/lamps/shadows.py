@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.matrixfit.differences import shadow_edges
 from pipeline.matrixfit.evidence import readable_light
 from pipeline.pair.reduced import ReducedPair

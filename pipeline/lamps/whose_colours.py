@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
 from pipeline.lamps.lamps import MIN_PIXELS
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, first_fit
 from pipeline.matrixfit.known import nothing_known

@@ -10,7 +10,8 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
+from pipeline.light.prior import MatrixPrior
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
@@ -23,7 +24,6 @@ from pipeline.matrixfit.objective import (
     without_mirrors,
 )
 from pipeline.matrixfit.pools import without_coves
-from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.matrixfit.unexplained import left_over, mean_left_over, unexplained

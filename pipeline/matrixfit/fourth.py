@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Whitened, difference_term

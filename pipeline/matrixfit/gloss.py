@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.pair.reduced import ReducedPair
 
 _AS_MUCH = 0.8  # of what a second lamp explains

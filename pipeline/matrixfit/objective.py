@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.arrays import Floats64
+from pipeline.light.prior import MatrixPrior
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.mixture import blocks, mixture
-from pipeline.matrixfit.prior import MatrixPrior
 
 _EM_ROUNDS = 3
 _COVES = 0.15  # of pools, at first

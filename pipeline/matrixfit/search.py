@@ -8,10 +8,10 @@ from itertools import combinations, combinations_with_replacement
 import numpy as np
 
 from pipeline.arrays import Floats64
+from pipeline.light.prior import MatrixPrior
 from pipeline.matrixfit.known import Known
 from pipeline.matrixfit.minimum import minimum
 from pipeline.matrixfit.objective import Term, Whitened, posterior
-from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.vectors import unit
 
 LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.quantiles import weighted_quantile
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair, variance_left

@@ -16,7 +16,7 @@ from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation, adapts
 from pipeline.colour.temperature import white_of
 from pipeline.images.frames import Image, Matrix, Photograph
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.mixes.mix_options import LampBasis, LampMix, Mix, MixBasis, check_lamps
 from pipeline.pictures.shown import shown_gain
 from pipeline.pictures.white_balance import from_layers, neutral_white, whites_of

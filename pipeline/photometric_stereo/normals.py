@@ -7,7 +7,7 @@ from functools import partial
 
 from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import DirectedLight, Method
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.detail import surface_normals

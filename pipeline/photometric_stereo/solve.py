@@ -14,7 +14,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.directions import likely_orders, unit_directions

@@ -19,7 +19,7 @@ from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.projection import to_plane
 from pipeline.images.frames import Matrix
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.lettering import (
     BACKGROUND,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.pair.reduced import ReducedPair, variance_left
 from pipeline.pictures.lettering import INK, panel, write, write_boxed
 from pipeline.separation.proportions import predictions

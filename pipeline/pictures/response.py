@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model, Response
+from pipeline.light.model import Model, Response
 from pipeline.options import Method
 from pipeline.separation.separation import Strip
 from pipeline.spectra.matrices import best_matrix

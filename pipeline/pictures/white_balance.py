@@ -23,7 +23,7 @@ from pipeline.images.frames import (
     planes_of,
 )
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.separation.separation import Strip
 from pipeline.spectra.matrices import best_matrix
 

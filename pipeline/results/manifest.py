@@ -14,7 +14,7 @@ from pipeline.encode.jpeg import to_srgb8
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Frame
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.manifest_parts import input_entry, versions
 from pipeline.mixes.mix_options import MixBasis
 from pipeline.options import Options

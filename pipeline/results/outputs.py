@@ -25,7 +25,7 @@ from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.encode.writer import Writer
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Image, Matrix, Photograph
-from pipeline.lamps.model import Response
+from pipeline.light.model import Response
 from pipeline.photometric_stereo.facing import CONVENTIONS
 from pipeline.pictures.gamma_diagram import draw_gamma_diagram
 from pipeline.pictures.residual_map import draw_residual_map, relative_residual

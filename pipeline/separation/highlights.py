@@ -31,7 +31,7 @@ from pipeline.images.frames import (
 )
 from pipeline.images.quantiles import weighted_quantile
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.shares import dot, doubles, shares_of_two
+from pipeline.light.shares import dot, doubles, shares_of_two
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.proportions import colour_of, light_of, pixel, scaled, times
 

@@ -20,7 +20,7 @@ from pipeline.images.frames import (
     planes_of,
 )
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.shares import shares_of_three, shares_of_two
+from pipeline.light.shares import shares_of_three, shares_of_two
 from pipeline.matrixfit.deviations import FARTHEST, TERMS
 
 

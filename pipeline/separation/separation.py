@@ -27,7 +27,7 @@ from pipeline.images.frames import (
 from pipeline.images.sigma_filter import ROUNDS, SigmaFilter
 from pipeline.images.strips import widened
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import Options, Quality
 from pipeline.pair import placing, registration
 from pipeline.pair.pair import Pair

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.images.frames import by_planes, channels_first, planes_of, rows_by_planes
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.matrixfit.deviations import no_deviations
 from pipeline.pictures.white_balance import WhiteBalance, whites_of
 from pipeline.separation import separation

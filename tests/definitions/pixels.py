@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import Deviations, monomials
 from pipeline.separation.proportions import predictions
 from pipeline.separation.separation import Strip
@@ -26,7 +26,7 @@ _BRIGHTEST, _HOLD, _FAINT = 4.0, 0.05, 0.1
 
 
 def shares(no_flash: Floats, predictions: Floats) -> Floats32:
-    """pipeline.lamps.shares.shares: the best of all subsets' solutions that are ≥ 0, (N, ...)."""
+    """pipeline.light.shares.shares: the best of all subsets' solutions that are ≥ 0, (N, ...)."""
     count = len(predictions)
     gram = {
         (i, j): _dot(predictions[i], predictions[j]) for i in range(count) for j in range(i, count)

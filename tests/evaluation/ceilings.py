@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.images.frames import Image, Mask, Matrix
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from pipeline.spectra.lights import reflectance_spectra
 from tests.definitions.pixels import normalised
 from tests.evaluation.scoring import joint_snr

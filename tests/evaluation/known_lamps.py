@@ -23,7 +23,7 @@ from pipeline.decode import decode
 from pipeline.errors import InputError
 from pipeline.lamps.contradictions import contradictions
 from pipeline.lamps.known_lamps import find_known
-from pipeline.lamps.model import build_model
+from pipeline.light.model import build_model
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import Known, nothing_known

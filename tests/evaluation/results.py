@@ -32,10 +32,11 @@ _NO_COLOUR_DEG = 90.0
 _ESTIMATOR = (
     "lamps/contradictions.py",
     "lamps/count.py",
-    "lamps/families.py",
     "lamps/known_lamps.py",
     "lamps/lamps.py",
-    "lamps/model.py",
+    "light/families.py",
+    "light/model.py",
+    "light/prior.py",
     "matrixfit",
     "photometric_stereo/normals.py",
     "pictures/white_balance.py",

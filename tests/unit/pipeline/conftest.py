@@ -13,7 +13,7 @@ from pipeline.arrays import Floats64
 from pipeline.images.frames import Exposure, Frame, Image
 from pipeline.images.noise import Noise
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.matrixfit.deviations import no_deviations
 from pipeline.pair.align import NOT_ATTEMPTED
 from pipeline.pair.pair import Pair

@@ -11,7 +11,7 @@ from pipeline import doubts as doubts_module
 from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published, expected_snr_db, relative_noise
 from pipeline.hui2018.separation import published_layers
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.output_names import DEFAULT_OUTPUTS
 from pipeline.pair.flash_reach import FlashReach
 from pipeline.pair.reduced import reduce_pair

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.images.frames import Frame
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.reduced import reduce_pair
 from pipeline.progress import Progress

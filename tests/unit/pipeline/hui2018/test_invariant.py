@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.hui2018.invariant import flash_tensor, light_coefficients
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair, published_lights
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 from tests.unit.pipeline.hui2018.known_lights import LIGHTS, worst_angle

@@ -13,7 +13,7 @@ from pipeline.errors import OptionError
 from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import reduce_pair
 from pipeline.separation.separation import Strip

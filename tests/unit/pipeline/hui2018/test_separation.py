@@ -9,7 +9,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.hui2018.separation import published_layers
 from pipeline.images.frames import Image
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 
 
 def of_pair(pair: Any) -> tuple[Image, Image]:

@@ -10,7 +10,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.lamps import contradictions as module
 from pipeline.lamps.contradictions import contradictions, other_light
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, evidence_of_surfaces, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_pin
 from pipeline.matrixfit.known import Known, Pin, nothing_known

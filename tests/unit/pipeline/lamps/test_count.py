@@ -12,7 +12,7 @@ from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
 from pipeline.lamps import count
 from pipeline.lamps.count import Count, count_lamps, signs_of_fourth
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known

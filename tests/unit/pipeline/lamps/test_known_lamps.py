@@ -10,7 +10,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.lamps.known_lamps import check_places, find_known
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.known import Known
 from pipeline.options import Options, Spectrum
 from pipeline.pair.reduced import reduce_pair

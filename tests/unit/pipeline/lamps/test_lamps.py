@@ -12,7 +12,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps import lamps
 from pipeline.lamps.lamps import estimate_lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.fit import Fit
 from pipeline.pair.reduced import reduce_pair
 from tests.angles import angles

@@ -13,7 +13,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.lamps import lamps
 from pipeline.lamps.lamps import estimate_lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import evidence_of_surfaces
 from pipeline.matrixfit.fit import Fit, fit_pin
 from pipeline.matrixfit.known import Known, nothing_known

@@ -10,8 +10,8 @@ from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
-from pipeline.lamps.model import Model, build_model
 from pipeline.lamps.whose_colours import camera_doubts, likely_camera, names_no_camera
+from pipeline.light.model import Model, build_model
 from pipeline.matrixfit.fit import first_fit
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import reduce_pair

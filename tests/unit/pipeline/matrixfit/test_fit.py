@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit import evidence, fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fourth import gain_of_fourth

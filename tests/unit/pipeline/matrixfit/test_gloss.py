@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 

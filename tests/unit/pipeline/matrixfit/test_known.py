@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin, nothing_known

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import nothing_known

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit import search as search_module
 from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
 from pipeline.matrixfit.fit import fit_pin

@@ -12,7 +12,7 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.mixes.mix import mix_basis, mix_matrices, mixed
 from pipeline.mixes.mix_options import LampMix, Mix, MixBasis
 from pipeline.pictures.shown import shown_gain

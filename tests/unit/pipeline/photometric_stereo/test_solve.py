@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import reduce_pair
 from pipeline.photometric_stereo import solve as solve_module

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.gamma_diagram import LEGEND, SIDE, draw_gamma_diagram
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.lamps.model import Model, Response, build_model
+from pipeline.light.model import Model, Response, build_model
 from pipeline.options import Method
 from pipeline.pictures.response import camera_changes, other_response
 from pipeline.separation.separation import Strip

@@ -9,7 +9,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.images.frames import Image
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pictures.white_balance import WhiteBalance, whites_of
 from pipeline.separation.separation import Strip
 from pipeline.spectra.cameras import Camera

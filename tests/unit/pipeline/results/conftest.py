@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.estimate import Estimate
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.progress import Progress

@@ -13,7 +13,7 @@ from pipeline.arrays import Floats64
 from pipeline.colour.temperature import cct_duv
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Exposure, Frame
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.mixes.mix import mix_basis
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.align import Alignment

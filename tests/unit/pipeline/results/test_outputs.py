@@ -16,7 +16,7 @@ from PIL import Image as PillowImage
 
 from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
-from pipeline.lamps.model import build_model
+from pipeline.light.model import build_model
 from pipeline.output_names import OUTPUT_NAMES
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.progress import Progress

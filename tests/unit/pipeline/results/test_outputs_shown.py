@@ -18,7 +18,7 @@ from psd_tools import PSDImage
 from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.jpeg import to_srgb8
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.results.pictures import Pictures
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light

@@ -10,7 +10,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair.pair import Pair

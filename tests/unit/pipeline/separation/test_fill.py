@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.pair.reduced import reduce_pair
 from pipeline.separation.fill import Surroundings
 from pipeline.separation.proportions import model_proportions

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair, reduce_pair

@@ -11,7 +11,7 @@ import pytest
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import by_planes
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import TERMS, Deviations
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.highlights import Highlights, find_highlights

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Image
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import TERMS, Deviations
 from pipeline.separation.proportions import model_proportions, predictions
 from tests.definitions import pixels

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import Canceled
 from pipeline.images.noise import Noise
 from pipeline.images.sigma_filter import sigma_filter
-from pipeline.lamps.model import Model
+from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.pair.reduced import reduce_pair
 from pipeline.progress import Progress

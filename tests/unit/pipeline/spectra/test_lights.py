@@ -11,7 +11,7 @@ import pytest
 from pipeline.colour.temperature import cct_duv
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
-from pipeline.lamps.model import build_model
+from pipeline.light.model import build_model
 from pipeline.options import Spectrum
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.spectra import cameras, lights

@@ -10,9 +10,9 @@ from pipeline.arrays import Floats, Floats64
 from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import flash_tensor
 from pipeline.images.frames import Matrix
-from pipeline.lamps.families import FamilyBank, learn_families
-from pipeline.lamps.lamp_spectrum import SpectrumPrior, learn_spectra
-from pipeline.matrixfit.prior import MatrixPrior, learn_prior
+from pipeline.light.families import FamilyBank, learn_families
+from pipeline.light.lamp_spectrum import SpectrumPrior, learn_spectra
+from pipeline.light.prior import MatrixPrior, learn_prior
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera, tells_colours_apart
 from pipeline.spectra.colorimetry import camera_to_xyz

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.lamp_spectrum import SpectrumPrior, learn_spectra
+from pipeline.light.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, lamp_spectra
 from pipeline.spectra.matrices import best_matrix

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.lamps.model import Model
-from pipeline.matrixfit.prior import MatrixPrior, learn_prior
+from pipeline.light.model import Model
+from pipeline.light.prior import MatrixPrior, learn_prior
 
 
 @pytest.fixture

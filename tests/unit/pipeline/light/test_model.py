@@ -7,7 +7,7 @@ from pipeline.arrays import Floats64
 from pipeline.colour.spaces import D65_XY
 from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.model import Model, build_model
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import nnls
 
 from pipeline.arrays import Floats, Floats64
-from pipeline.lamps.shares import shares
+from pipeline.light.shares import shares
 from tests.definitions import pixels
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Matrix
-from pipeline.matrixfit.prior import MatrixPrior
+from pipeline.light.prior import MatrixPrior
 from pipeline.spectra.families import FAMILIES
 from pipeline.vectors import unit
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.families import FamilyBank, learn_families
-from pipeline.lamps.model import Model, build_model
+from pipeline.light.families import FamilyBank, learn_families
+from pipeline.light.model import Model, build_model
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.families import FAMILIES
 from pipeline.spectra.lights import find_light, reflectance_spectra
