@@ -41,6 +41,7 @@ LEAST_CONTRAST = 1e-3
 
 _ALONE_DEGREES = 10.0  # to a lamp that might be beside the only one
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
+_NO_LIGHT = -0.1  # of a lamp's colour, below which no light has a channel
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,10 @@ def estimate_lamps(
         found = _published(reduced, model, count.number)
     else:
         outwards = follow_outwards(reduced, evidence, model, known, moved(count.number))
-        found = _fitted(reduced, evidence, model, first(count.number), outwards, weights)
+        begun = first(count.number)
+        if known.pinned:
+            begun = replace(begun, passed_over=_that_shine(begun.passed_over, model))
+        found = _fitted(reduced, evidence, model, begun, outwards, weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
@@ -232,6 +236,17 @@ def _normalised(matrices: Matrix, model: Model) -> tuple[Floats64, Matrix]:
     # chromaticities do not tell T from −T
     scale = np.sign(whites.sum(axis=1)) * np.linalg.norm(whites, axis=1)
     return whites / scale[:, None], matrices / scale[:, None, None]
+
+
+def _that_shine(found: tuple[Floats64, ...], model: Model) -> tuple[Floats64, ...]:
+    """Lamps (N, 3, 3) each of which only such are kept that all may be lights.
+
+    A search that begins with a pinned lamp and what else the published method found ends where that
+    was no light, and says nothing of the pinned one. Values in sRGB may be negative.
+    """
+    if model.camera.in_srgb:
+        return found
+    return tuple(one for one in found if _normalised(one, model)[0].min() > _NO_LIGHT)
 
 
 def _rival_deg(found: Fit, coefficients: Floats64, model: Model) -> float:

@@ -113,6 +113,40 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
     assert (warning.code, warning.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
 
 
+@pytest.mark.parametrize(
+    ("coefficients", "pins", "in_srgb", "told"),
+    [
+        ((0.36, -1.0, -0.09), 1, False, False),
+        ((-0.36, 1.0, 0.09), 1, False, False),
+        ((-0.36, 1.0, 0.09), 1, True, True),
+        ((-0.36, 1.0, 0.09), 0, False, True),
+        ((0.02, 1.0, 0.3), 1, False, True),
+    ],
+)
+def test_what_no_light_can_be_is_no_rival_of_lamps_beside_a_pinned_one(
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    pinned: Callable[[Array], Known],
+    monkeypatch: pytest.MonkeyPatch,
+    coefficients: tuple[float, float, float],
+    pins: int,
+    in_srgb: bool,
+    told: bool,
+) -> None:
+    model = replace(model, camera=replace(model.camera, in_srgb=in_srgb))
+    true = model.lamp_matrix(warm_to_cool[[0, 2]])
+    rival = np.stack([true[0], model.lamp_matrix(np.array(coefficients))])
+    for name in ("first_fit", "fit_matrices"):
+        monkeypatch.setattr(lamps, name, lambda *_: Fit(true, 0.0, (rival,)))
+    monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
+    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+
+    found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[:pins]))
+
+    assert (found.rival_deg > 5) == told
+
+
 def test_a_forbidden_lamp_that_is_missed_is_told(
     shadowed: Shadowed, model: Model, warm_to_cool: Floats64, monkeypatch: pytest.MonkeyPatch
 ) -> None:
