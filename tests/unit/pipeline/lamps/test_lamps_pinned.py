@@ -126,8 +126,8 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
 def test_what_no_light_can_be_is_no_rival_of_lamps_beside_a_pinned_one(
     shadowed: Shadowed,
     model: Model,
-    warm_to_cool: Array,
-    pinned: Callable[[Array], Known],
+    warm_to_cool: Floats64,
+    pinned: Callable[[Floats64], Known],
     monkeypatch: pytest.MonkeyPatch,
     coefficients: tuple[float, float, float],
     pins: int,
