@@ -38,8 +38,8 @@ _CHART = np.array([[0, 0], [5, 0], [5, 3], [0, 3]], np.float64)
 class Room:
     """frames: (no flash, flash), (H, W, 3) linear. corners: of a chart's outer patches.
 
-    circle: the outline of a sphere. directions: (2, 3) to the lamps. colours: (2, 3) of a white
-    card that faces them. flash: (W,), its spectrum.
+    circle: middle and area of the ellipse that a sphere's outline is. directions: (2, 3) to the
+    lamps. colours: (2, 3) of a white card that faces them. flash: (W,), its spectrum.
     """
 
     frames: tuple[Floats64, Floats64]
@@ -100,6 +100,7 @@ def photograph_room(target: Target, seed: int, plan: Plan | None = None) -> Room
         circle = _place_sphere(random, plan)
         draw_sphere = _matt if target == "matt" else _mirror
         draw_sphere(by_lamps, by_flash, circle, directions, colours * 0.5, white / white[1])
+        circle = _outline(circle)
     if plan.shadow and corners is not None:
         dark = np.zeros(what.shape, np.uint8)
         middle = corners.mean(axis=0)
@@ -207,15 +208,27 @@ def _lamps(random: np.random.Generator, sensitivity: Floats64) -> tuple[Floats64
 
 
 def _place_sphere(random: np.random.Generator, plan: Plan) -> Circle:
+    """Middle and long semi-axis of the ellipse that the outline of a sphere is."""
     radius = random.uniform(*plan.share) * SIZE[0] / 4
     x, y = random.uniform((1.1 * radius, 1.1 * radius), np.array(SIZE) - 1.1 * radius)
     return Circle(x=float(x), y=float(y), radius=float(radius))
 
 
+def _outline(placed: Circle) -> Circle:
+    """Middle and area of the ellipse whose long semi-axis was placed."""
+    offset = np.hypot(placed.x - SIZE[0] / 2, SIZE[1] / 2 - placed.y) / FOCAL_PX
+    near, far = (np.arctan(offset + sign * placed.radius / FOCAL_PX) for sign in (-1, 1))
+    short = FOCAL_PX * np.sin((far - near) / 2) / np.sqrt(np.cos(near) * np.cos(far))
+    return Circle(x=placed.x, y=placed.y, radius=float(np.sqrt(placed.radius * short)))
+
+
 def _surface(
     circle: Circle, shape: Sequence[int]
 ) -> tuple[NDArray[np.bool_], Floats64, Floats64, Floats64]:
-    """Where the sphere is, its normals there, the directions to the camera, and distances."""
+    """Where the sphere is, its normals there, the directions to the camera, and distances.
+
+    circle: middle and long semi-axis of its outline.
+    """
     y, x = (np.mgrid[: shape[0], : shape[1]] + 0.5) / _SUB
     middle = np.array([circle.x - SIZE[0] / 2, SIZE[1] / 2 - circle.y]) / FOCAL_PX
     offset, reach = float(np.hypot(*middle)), circle.radius / FOCAL_PX

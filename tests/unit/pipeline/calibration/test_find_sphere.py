@@ -24,7 +24,7 @@ def test_the_outline_of_a_sphere_is_found(mirror: bool) -> None:
     true = room.circle
     assert true is not None
     for name in ("x", "y", "radius"):
-        assert abs(getattr(found, name) - getattr(true, name)) < 0.04 * true.radius
+        assert abs(getattr(found, name) - getattr(true, name)) < 0.01 * true.radius
 
 
 @pytest.mark.parametrize("mirror", [False, True])
