@@ -35,6 +35,7 @@ class Code(StrEnum):
     # the lamps
     CAMERA_APPROXIMATE = "camera_approximate"
     CAMERA_DOUBTFUL = "camera_doubtful"
+    FLASH_DOUBTFUL = "flash_doubtful"
     FOUR_OR_MORE = "four_or_more"
     UNEXPLAINED = "unexplained"
     NUMBER_UNCERTAIN = "number_uncertain"

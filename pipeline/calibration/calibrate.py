@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.calibration.camera import estimate_camera
+from pipeline.calibration.camera import estimate_camera, is_unlikely
 from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
@@ -225,8 +225,9 @@ def _marks(chart: Corners | None, circle: Circle | None) -> dict[str, Any]:
 
 def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
     given = options.flash_spectrum
+    family = {name: packaged_light(name) for name in FAMILY}
     if given is None:
-        flashes = {name: packaged_light(name) for name in FAMILY}
+        flashes = family
     else:
         flashes = {given if isinstance(given, str) else "table": find_light(given)}
     known = measured_cameras()
@@ -234,7 +235,22 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
     if approximate.source == "approximate":
         known.append(approximate)
     chart = options.chart or find_chart(pair)
-    camera = estimate_camera(read_chart(pair, chart), flashes, known)
+    patches = read_chart(pair, chart)
+    camera = estimate_camera(patches, flashes, known)
+    warnings = []
+    if given is None:
+        message = (
+            "The flash was not told and the likeliest was taken, so that the camera takes over "
+            "what is wrong with it: calibrate the flash with a camera that is known, and name it "
+            "with --flash-spectrum."
+        )
+        warnings.append(RunWarning(Code.FLASH_DOUBTFUL, message))
+    elif is_unlikely(find_light(given), patches, family.values(), known):
+        message = (
+            "Other flashes explain the patches far better than the one that was named, whose "
+            "error goes to the camera: check --flash-spectrum."
+        )
+        warnings.append(RunWarning(Code.FLASH_DOUBTFUL, message))
     said = {
         "nearest": camera.nearest,
         "flash": camera.flash,
@@ -246,7 +262,7 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
     nm, taken_with = WAVELENGTHS_NM.tolist(), TakenWith.of(frame)
     table = Sensitivities(wavelength_nm=nm, r=r, g=g, b=b, taken_with=taken_with)
     file = write_sensitivities(table)
-    return _Found(file, said, draw_marks(pair, chart, None), [])
+    return _Found(file, said, draw_marks(pair, chart, None), warnings)
 
 
 def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ _TAIL, _TAIL_REACH_NM = 0.02, 30.0  # of the channel's peak
 _SHIFT_NM = 2.0
 _ROUNDS = 3  # of finding curves and the flash's fall-off by turns
 _NO_CHART = 0.15  # relative error of the patches' light
+_FAR_LIKELIER = 12.0  # log evidence, which right flashes of measured cameras stay below
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,10 @@ def estimate_camera(
     """
     found, evidence, names = [], [], []
     for flash, spectrum in flashes.items():
-        for camera in known:
-            if not (camera.sensitivities @ spectrum > 0).all():
-                continue
-            curves, likely = _of_member(patches, spectrum, camera.sensitivities)
+        for name, curves, likely in _tried(patches, spectrum, known):
             found.append(curves / curves.max())
             evidence.append(likely)
-            names.append((flash, camera.name))
+            names.append((flash, name))
     if not found:
         raise OptionError(
             "No known camera sees red, green and blue in the flash spectrum: check its wavelengths."
@@ -72,6 +70,30 @@ def estimate_camera(
             "corners and the flash."
         )
     return CameraEstimate(sensitivities / sensitivities.max(), nearest, flash, misfit)
+
+
+def is_unlikely(
+    flash: Floats64, patches: Patches, others: Iterable[Floats64], known: Sequence[Camera]
+) -> bool:
+    """Whether another flash explains the patches far better than the one that was told.
+
+    Which one is not certain where the camera is unlike all that are known. flash, others: (W,)
+    spectra. known: as for estimate_camera.
+    """
+
+    def likely(spectrum: Floats64) -> float:
+        return max((found[2] for found in _tried(patches, spectrum, known)), default=-np.inf)
+
+    return max(map(likely, others)) - likely(flash) > _FAR_LIKELIER
+
+
+def _tried(
+    patches: Patches, flash: Floats64, known: Sequence[Camera]
+) -> Iterator[tuple[str, Floats64, float]]:
+    """Name, curves (3, W) and log evidence about each known camera that sees the flash."""
+    for camera in known:
+        if (camera.sensitivities @ flash > 0).all():
+            yield camera.name, *_of_member(patches, flash, camera.sensitivities)
 
 
 def _of_member(patches: Patches, flash: Floats64, member: Floats64) -> tuple[Floats64, float]:

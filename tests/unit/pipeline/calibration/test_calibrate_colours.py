@@ -12,10 +12,7 @@ from pipeline.calibration import calibrate as module
 from pipeline.decode import decode
 from pipeline.errors import OptionError
 from pipeline.spectra.cameras import Camera
-from tests.targets import (
-    CORNERS,
-    Shot,
-)
+from tests.targets import CORNERS, Shot
 from tests.unit.pipeline.calibration.runs import S, run
 
 
@@ -89,6 +86,28 @@ def test_a_camera_that_is_known_or_asked_for_is_not_warned_of(
 def _of_the_camera(manifest: dict[str, Any]) -> list[dict[str, Any]]:
     codes = {"rendered_srgb", "camera_approximate"}
     return [warning for warning in manifest["warnings"] if warning["code"] in codes]
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (None, "The flash was not told and the likeliest was taken, so that the camera takes over"),
+        ("A", "Other flashes explain the patches far better than the one that was named, whose"),
+        ("led", None),
+        ("LED-B5", None),
+    ],
+)
+def test_a_flash_that_is_not_told_or_wrong_is_warned_of(
+    chart: Shot, tmp_path: Path, told: str | None, words: str | None
+) -> None:
+    manifest = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)
+    said = _of_the_flash(manifest)
+    assert [message[: len(words or "")] for message in said] == ([words] if words else [])
+
+
+def _of_the_flash(manifest: dict[str, Any]) -> list[str]:
+    warnings = manifest["warnings"]
+    return [warning["message"] for warning in warnings if warning["code"] == "flash_doubtful"]
 
 
 def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:

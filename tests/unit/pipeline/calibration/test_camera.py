@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.camera import estimate_camera
+from pipeline.calibration.camera import estimate_camera, is_unlikely
 from pipeline.calibration.patches import Patches
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera, measured_cameras
@@ -115,6 +115,27 @@ def test_the_likeliest_flash_is_taken_where_it_is_not_told() -> None:
     patches = _chart(sensitivities("Nikon D5100"), light, colorchecker_spectra())
     flashes = {name: find_light(name) for name in ("xenon", "LED-B4", "D50")}
     assert estimate_camera(patches, flashes, measured_cameras()).flash == "LED-B4"
+
+
+OTHERS = [find_light(name) for name in ("LED-B5", "xenon", "Luxeon WW 2880")]
+
+
+@pytest.mark.parametrize(
+    ("told", "unlikely"), [("A", True), ("LED-B1", True), ("D65", False), ("xenon", False)]
+)
+def test_patches_speak_against_a_flash_far_from_the_one_that_shone(
+    told: str, unlikely: bool
+) -> None:
+    """Though the camera is a little unlike all that are known, and the pigments are others."""
+    patches = _chart(_unlike(), XENON, other_colorchecker())
+    assert is_unlikely(find_light(told), patches, OTHERS, measured_cameras()) is unlikely
+
+
+def test_patches_speak_for_a_flash_unlike_all_others() -> None:
+    """Behind a green gel."""
+    gelled = XENON * np.exp(-0.5 * ((WAVELENGTHS_NM - 530) / 40.0) ** 2)
+    patches = _chart(sensitivities("Nikon D5100"), gelled, other_colorchecker())
+    assert not is_unlikely(gelled, patches, OTHERS, measured_cameras())
 
 
 def test_curves_are_never_negative() -> None:
