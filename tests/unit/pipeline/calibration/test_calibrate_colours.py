@@ -6,14 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pipeline.calibration import calibrate as module
 from pipeline.decode import decode
 from pipeline.errors import OptionError
 from pipeline.spectra.cameras import Camera
-from tests.targets import CORNERS, Shot
-from tests.unit.pipeline.calibration.runs import S, run
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from tests.targets import CORNERS, Shot, other_colorchecker, photograph_chart
+from tests.unit.pipeline.calibration.runs import LAMP, LED, S, run
 
 
 @pytest.mark.parametrize("camera", [None, "Nikon D5100"])
@@ -103,6 +105,23 @@ def test_a_flash_that_is_not_told_or_wrong_is_warned_of(
     manifest = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)
     said = _of_the_flash(manifest)
     assert [message[: len(words or "")] for message in said] == ([words] if words else [])
+
+
+@pytest.mark.parametrize(("gel", "warned"), [(None, False), (40.0, True)])
+def test_a_card_in_light_like_no_flash_is_warned_of(
+    tmp_path: Path, gel: float | None, warned: bool
+) -> None:
+    """Behind a green gel that passes so many nanometres on either side; a chart tells it."""
+    passed = 1.0 if gel is None else np.exp(-0.5 * ((WAVELENGTHS_NM - 530) / gel) ** 2)
+    shot = photograph_chart(S, LED * passed, LAMP, other_colorchecker(), noise=1.0)
+    card = {"x": 14, "y": 120, "radius": 12}
+    by_card = run(shot, tmp_path, kind="flash", card=card, camera="Nikon D5100")
+    by_chart = run(shot, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
+    assert [
+        f"which stays off by {by_card['found']['misfit']:.1%}, and with it" in message
+        for message in _of_the_flash(by_card)
+    ] == [True] * warned
+    assert _of_the_flash(by_chart) == []
 
 
 def _of_the_flash(manifest: dict[str, Any]) -> list[str]:
