@@ -8,13 +8,19 @@ import cv2
 import numpy as np
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, PLACES, colour_misfit
+from pipeline.calibration.chart_layout import (
+    CORNER_NAMES,
+    CORNERS,
+    PLACES,
+    colour_misfit,
+    tint_misfit,
+)
 from pipeline.calibration.evenness import check_even
 from pipeline.calibration.light import mean_light
 from pipeline.calibration.marks import disc
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.options import Circle
 from pipeline.pair.pair import Pair
@@ -22,6 +28,7 @@ from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
 
 _HALF_SIDE = 0.25  # of the distance of two patches' middles; a patch has 0.46
 _NO_CHART = 0.3  # relative error of any 3 × 3 matrix from XYZ to what was read
+_TINTS = 0.35  # error of their tints, by the spread of these: beyond, they are other patches
 _FINER = 4  # bits of a pixel that OpenCV draws with
 
 
@@ -30,7 +37,7 @@ def read_chart(pair: Pair, corners: Sequence[Point]) -> Patches:
 
     corners: middles (x, y) of the outer patches dark skin, bluish green, black and white, in
     pixels of the pair. Raises OptionError where the corners are outside or in another order,
-    UnusablePairError where patches are clipped or without the flash's light.
+    UnusablePairError where patches are clipped, or the flash leaves some in the dark.
     """
     height, width = pair.unusable.shape
     quad = np.array(corners, np.float32)
@@ -90,7 +97,10 @@ def _patch(to_picture: Floats64, column: float, row: float, shape: tuple[int, in
 
 
 def _check_order(flash: Floats64) -> None:
-    """Raise OptionError unless the corners in this order explain the colours best."""
+    """Raise OptionError unless the corners in this order explain the colours best.
+
+    UnusablePairError where they would under an even flash.
+    """
     numbers = np.arange(ROWS * COLUMNS).reshape(ROWS, COLUMNS)
     orders = {
         (0, 1, 2, 3): numbers,
@@ -100,6 +110,11 @@ def _check_order(flash: Floats64) -> None:
     }
     misfits = {corners: colour_misfit(flash[order.ravel()]) for corners, order in orders.items()}
     best = min(misfits, key=lambda corners: misfits[corners])
+    if misfits[best] > _NO_CHART and tint_misfit(flash) < _TINTS:
+        raise UnusablePairError(
+            "The patches have the tints of a ColorChecker, but not its brightness: keep shadows "
+            "off the chart, and check that the corners are the middles of its outer patches."
+        )
     if misfits[best] > _NO_CHART:
         raise OptionError(
             "What the corners enclose does not look like a ColorChecker of 24 patches: mark the "

@@ -33,7 +33,8 @@ def find_chart(pair: Pair) -> Corners:
     _check_one(
         len(found),
         "ColorChecker",
-        "all 24 patches must be in the picture, lit by the flash, not clipped and not covered",
+        "all 24 patches must be in the picture, evenly lit by the flash, not clipped and not "
+        "covered",
         "the option chart, the middles of its outer patches; a grey card needs card, a circle "
         "on it",
     )

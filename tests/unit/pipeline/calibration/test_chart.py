@@ -88,6 +88,22 @@ def test_no_chart_is_refused(pair_of: Callable[..., Pair]) -> None:
         read_chart(pair, CORNERS)
 
 
+@pytest.mark.parametrize(("left", "refused"), [(0.8, False), (0.2, True)])
+def test_a_chart_partly_in_shadow_is_no_mark_that_is_wrong(
+    pair_of: Callable[..., Pair], left: float, refused: bool
+) -> None:
+    """Of the flash so much is left on the right half."""
+    shot = photograph_chart(S, XENON, LAMP, colorchecker_spectra(), noise=1.0)
+    lamps, both = shot.frames
+    share = np.where(np.arange(SIZE[0]) > 180, left, 1.0)[:, None]
+    pair = pair_of(Shot((lamps, lamps + share * (both - lamps)), shot.files))
+    if refused:
+        with pytest.raises(UnusablePairError, match="tints of a ColorChecker, but not its bright"):
+            read_chart(pair, CORNERS)
+    else:
+        assert len(read_chart(pair, CORNERS).flash) == 24
+
+
 def test_corners_must_lie_inside_and_around(chart: Pair) -> None:
     with pytest.raises(OptionError, match="not all inside the photograph of 360 × 240"):
         read_chart(chart, ((-1.0, 5.0), *CORNERS[1:]))
