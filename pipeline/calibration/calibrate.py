@@ -167,7 +167,7 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
         )
         figures = {"misfit": flash.misfit}
         warnings.append(RunWarning(Code.FLASH_DOUBTFUL, message, figures))
-    white = cct_duv(cie_1931() @ flash.spectrum, np.eye(3))
+    white = cct_duv(cie_1931() @ flash.spectrum)
     table = Spectrum(
         wavelength_nm=WAVELENGTHS_NM.tolist(),
         power=flash.spectrum.tolist(),

@@ -1,4 +1,4 @@
-"""Colour temperature of a light, and how far off white it is, from its camera RGB."""
+"""Colour temperature of a light, and how far off white it is, from its CIE XYZ."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats64
-from pipeline.images.frames import Matrix
 
 CCT_RANGE_K = (1000.0, 15000.0)
 """Where Krystek's approximation of the locus holds."""
@@ -15,15 +14,15 @@ _MAX_DUV = 0.05
 """Farther than this from the Planckian locus a colour has no CCT (CIE 15:2018)."""
 
 
-def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
-    """Correlated colour temperature in kelvin of a camera RGB, and its Duv.
+def cct_duv(xyz: ArrayLike) -> tuple[float, float] | None:
+    """Correlated colour temperature in kelvin of a light's CIE XYZ (3,), and its Duv.
 
-    matrix: camera RGB → CIE XYZ. None for a colour more than 0.05 (CIE 1960 uv) off the Planckian
-    locus or outside CCT_RANGE_K. Duv (ANSI C78.377) is the distance from the locus in CIE 1960 uv,
-    positive above it, where lights look greenish, and negative below it, where they look pink. The
-    locus is Krystek's (1985) approximation.
+    None for a colour more than 0.05 (CIE 1960 uv) off the Planckian locus or outside CCT_RANGE_K.
+    Duv (ANSI C78.377) is the distance from the locus in CIE 1960 uv, positive above it, where
+    lights look greenish, and negative below it, where they look pink. The locus is Krystek's (1985)
+    approximation.
     """
-    X, Y, Z = matrix @ np.asarray(rgb, dtype=np.float64)
+    X, Y, Z = np.asarray(xyz, dtype=np.float64)
     total = X + 15 * Y + 3 * Z
     if not total > 0:
         return None

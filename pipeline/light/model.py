@@ -19,6 +19,7 @@ from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.families import family_spectra
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
 from pipeline.spectra.matrices import balancing_matrix, best_matrix
+from pipeline.spectra.observer import cie_1931
 
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
@@ -80,6 +81,19 @@ class Model:
     def lamp_matrix(self, coefficients: Floats) -> Matrix:
         """Return T (3, 3) of a lamp (3,), or (N, 3, 3) of lamps (N, 3): I_lamp = z · T I_flash."""
         return np.asarray(np.einsum("klj,...j->...kl", self.tensor, coefficients))
+
+    def lamp_white(self, matrix: Matrix) -> Floats64:
+        """CIE XYZ (3,) of a white card under a lamp of T (3, 3), both of any scale, T of any sign.
+
+        By the spectrum that the lamp has by its matrix, since camera_to_xyz holds for daylight; of
+        a picture rendered to sRGB by camera_to_xyz all the same: its curve bends matrices.
+        """
+        seen = matrix @ self.flash_white
+        if seen.sum() < 0:  # chromaticities do not tell T from −T
+            matrix, seen = -matrix, -seen
+        if self.camera.in_srgb:
+            return self.camera_to_xyz @ np.maximum(seen, 0.0)
+        return np.asarray(cie_1931() @ self.lamp_spectra.coloured(matrix))
 
 
 def build_model(

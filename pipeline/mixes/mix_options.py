@@ -70,11 +70,14 @@ class MixRequest(Mix):
 
 
 class LampBasis(Strict):
-    """white: CIE XYZ of a white card under the lamp, Y = 1. neutral_to_xyz: camera RGB of the
-    lamp's layer → CIE XYZ as under the neutral light.
+    """white: CIE XYZ of a white card under the lamp as the photograph is shown, Y = 1. own_white:
+    the same as people see it, of the temperature that is told of the lamp; None where it has none,
+    and in manifests of before, which tell that of white. neutral_to_xyz: camera RGB of the lamp's
+    layer → CIE XYZ as under the neutral light.
     """  # noqa: D205
 
     white: Vector
+    own_white: Vector | None = None
     neutral_to_xyz: Rows
 
 

@@ -40,9 +40,9 @@ class Written:
 def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[str, Any]]:
     """One entry per lamp: name, coefficients, colour, family, confidence.
 
-    The colour is that of a grey card: rgb as the camera sees it, the largest 1; CCT and Duv, None
-    far from white (cct_duv); srgb, for a screen, "#rrggbb", its largest channel full, less where
-    sRGB has no such colour (to_srgb8).
+    The colour is that of a grey card: rgb as the camera sees it, the largest 1; as people see it
+    (Model.lamp_white) CCT and Duv, None far from white (cct_duv), and srgb, for a screen,
+    "#rrggbb", its largest channel full, less where sRGB has no such colour (to_srgb8).
     family: the nearest of FAMILIES, family_confidence: 0…1 that it is this one.
     pinned: its place in the option pinned_lamps, from 0, None where it was free.
     separated: (N,) part 0…1 of each lamp's light that was separated and not filled in.
@@ -51,10 +51,10 @@ def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[s
     for index, (coefficients, matrix) in enumerate(
         zip(lamps.coefficients, lamps.matrices, strict=True)
     ):
-        white = matrix @ model.flash_white
+        seen, white = matrix @ model.flash_white, model.lamp_white(matrix)
         # under a wrong camera the published lights may point the other way
-        rgb = (-white if white.sum() < 0 else white).clip(min=0.0)
-        white_like = cct_duv(rgb, model.camera_to_xyz)
+        rgb = (-seen if seen.sum() < 0 else seen).clip(min=0.0)
+        white_like = cct_duv(white)
         family, family_confidence = model.families.nearest(matrix)
         entries.append(
             {
@@ -63,7 +63,7 @@ def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[s
                 "rgb": [round(float(c), 4) for c in rgb / rgb.max()],
                 "cct_k": None if white_like is None else round(white_like[0]),
                 "duv": None if white_like is None else round(white_like[1], 4),
-                "srgb": _on_screen(rgb, model),
+                "srgb": _on_screen(white),
                 "family": family,
                 "family_confidence": round(family_confidence, 3),
                 "confidence": round(float(lamps.lamp_confidence[index]), 3),
@@ -74,11 +74,10 @@ def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[s
     return entries
 
 
-def _on_screen(rgb: Floats64, model: Model) -> str:
-    to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
-    brightest = max(float((to_srgb @ rgb).max()), 1e-9)
-    colour = (rgb / brightest).astype(np.float32).reshape(1, 1, 3)
-    red, green, blue = to_srgb8(colour, to_srgb)[0, 0]
+def _on_screen(xyz: Floats64) -> str:
+    linear = XYZ_TO_SRGB @ xyz
+    colour = (linear / max(float(linear.max()), 1e-9)).astype(np.float32)
+    red, green, blue = to_srgb8(colour.reshape(1, 1, 3))[0, 0]
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 

@@ -6,6 +6,7 @@ const XYZ_TO_SRGB = [
 ];
 const BRADFORD = [0.8951, 0.2664, -0.1614, -0.7502, 1.7135, 0.0367, 0.0389, -0.0685, 1.0296];
 const LEAST_CONE = 0.02;
+const NOWHERE = 1e-12;
 export const TINT_PER_DUV = -3000;
 export const KELVIN = [1000, 15000];
 
@@ -21,12 +22,21 @@ export function lampMatrix(basis, index, settings) {
   const neutral = settings.neutral || (settings.temperature_k !== null && !adapts(lamp.white));
   let shown = (neutral ? lamp.neutral_to_xyz : basis.to_xyz).flat();
   if (settings.temperature_k !== null) {
-    const white = neutral ? basis.neutral : lamp.white;
     const wanted = whiteOf(settings.temperature_k, settings.tint / TINT_PER_DUV);
-    shown = times(adaptation(white, wanted), shown);
+    const change = neutral ? adaptation(basis.neutral, wanted) : adaptation(lamp.white, asShown(wanted, lamp));
+    shown = times(change, shown);
   }
   const scale = 2 ** settings.ev;
   return times(XYZ_TO_SRGB, shown).map((value, place) => scale * settings.rgb[Math.floor(place / 3)] * value);
+}
+
+/** White for a wanted one: a lamp's own stays as the photograph shows it, others are exact. */
+function asShown(wanted, lamp) {
+  const own = lamp.own_white ?? lamp.white;
+  const off = lamp.white.map((value, place) => value - own[place]);
+  const away = wanted.map((value, place) => value - own[place]);
+  const share = Math.exp(-squares(away) / Math.max(squares(off), NOWHERE));
+  return wanted.map((value, place) => value + share * off[place]);
 }
 
 /** CIE XYZ, Y = 1, of the light of a colour temperature and Duv (Krystek 1985). */
@@ -124,6 +134,10 @@ function adapts(white) {
 
 function apply(m, v) {
   return [0, 3, 6].map((row) => m[row] * v[0] + m[row + 1] * v[1] + m[row + 2] * v[2]);
+}
+
+function squares(v) {
+  return v.reduce((sum, value) => sum + value * value, 0);
 }
 
 function times(a, b) {

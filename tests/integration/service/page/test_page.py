@@ -455,8 +455,12 @@ def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
         "to_xyz": rng.normal(0, 1, (3, 3)).tolist(),
         "neutral": [0.95, 1.0, 1.09],
         "lamps": [
-            {"white": white, "neutral_to_xyz": rng.normal(0, 1, (3, 3)).tolist()}
-            for white in ([1.1, 1.0, 0.35], [2.0, 1.0, -0.1], [-4.6, 1.0, -36.6])
+            {"white": white, "own_white": own, "neutral_to_xyz": rng.normal(0, 1, (3, 3)).tolist()}
+            for white, own in (
+                ([1.1, 1.0, 0.35], [1.0, 1.0, 0.6]),
+                ([2.0, 1.0, -0.1], None),
+                ([-4.6, 1.0, -36.6], None),
+            )
         ],
     }
     mixes = [[_settings(rng) for _ in range(3)] for _ in range(100)]

@@ -47,7 +47,7 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
     found = manifest["found"]
     assert found["nearest"] == "LED-B5"
     assert found["cct_k"] == pytest.approx(6598, abs=150)
-    white = cct_duv(cie_1931() @ spectrum, np.eye(3))
+    white = cct_duv(cie_1931() @ spectrum)
     assert white is not None and found["duv"] == pytest.approx(white[1], abs=6e-5)
     assert (found["patches"], found["camera"]["source"]) == (24, "measured")
     assert 0 < found["misfit"] < 0.05

@@ -6,6 +6,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.light.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.spectra.cameras import Camera
+from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, lamp_spectra
 from pipeline.spectra.matrices import best_matrix
 
@@ -105,3 +106,44 @@ def test_spectra_stay_positive(prior: SpectrumPrior) -> None:
         # a matrix that is no lamp's asks for less than nothing somewhere
         assert (found / prior.mean).min() == pytest.approx(0.01)
         assert found.max() > 0
+
+
+@pytest.mark.parametrize("peak_nm", [450, 530, 650])
+def test_a_lamp_of_one_colour_has_it(camera: Camera, prior: SpectrumPrior, peak_nm: int) -> None:
+    light = np.exp(-0.5 * ((WAVELENGTHS_NM - peak_nm) / 15) ** 2)
+    matrix = matrix_of(light, camera)
+
+    found = prior.coloured(matrix)
+
+    white = camera.sensitivities @ light
+    assert off(camera.sensitivities @ found, white) < 0.02
+    assert off(camera.sensitivities @ prior.spectrum(matrix), white) > 0.1
+    assert found.min() > 0
+
+
+@pytest.mark.parametrize("name", ["A", "D65", "FL11"])
+def test_the_colour_of_a_white_lamp_hardly_changes_its_estimate(
+    camera: Camera, prior: SpectrumPrior, name: str
+) -> None:
+    matrix = matrix_of(find_light(name), camera)
+    white = matrix @ prior.flash_white
+
+    found, estimate = prior.coloured(matrix), prior.spectrum(matrix)
+
+    assert off(found, estimate) < 0.1
+    assert off(camera.sensitivities @ found, white) < off(camera.sensitivities @ estimate, white)
+
+
+@pytest.mark.parametrize("seen", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 0)])
+def test_a_colour_that_no_light_has_becomes_the_nearest(
+    prior: SpectrumPrior, seen: tuple[float, float, float]
+) -> None:
+    found = prior.coloured(np.diag(np.array(seen) / prior.flash_white))
+
+    assert np.isfinite(found).all() and found.min() >= 0
+    assert off(prior.sensitivities @ found, np.array(seen, float)) < 0.6
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), -np.eye(3)])
+def test_a_matrix_without_light_tells_no_colour(prior: SpectrumPrior, matrix: Floats64) -> None:
+    np.testing.assert_array_equal(prior.coloured(matrix), prior.mean)

@@ -5,12 +5,14 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.colour.spaces import D65_XY
+from pipeline.colour.temperature import cct_duv
 from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.light.model import Model, build_model
-from pipeline.spectra.cameras import Camera, srgb_stand_in
+from pipeline.spectra.cameras import Camera, named_camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.matrices import best_matrix
 from pipeline.spectra.observer import cie_1931
 from tests.angles import angles
 
@@ -261,3 +263,77 @@ def test_a_flash_of_few_wavelengths_still_gives_a_finite_model(camera: Camera, n
 
     assert np.isfinite(model.tensor).all()
     assert np.isfinite(model.flash_to_neutral).all()
+
+
+def best_of(model: Model, light: Floats64) -> Floats64:
+    """A lamp's matrix as it is fitted at best."""
+    s = model.camera.sensitivities
+    return best_matrix(s * model.flash, s * light)
+
+
+def white_of_lamp(model: Model, light: Floats64) -> tuple[float, float] | None:
+    return cct_duv(model.lamp_white(best_of(model, light)))
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, Model]:
+    flash, neutral = find_light("xenon"), find_light("D65")
+    return {
+        name: build_model(named_camera(name), flash, neutral, "wpca")
+        for name in ("Nikon D5100", "Sigma SD1 Merrill")
+    }
+
+
+@pytest.mark.parametrize("camera", ["Nikon D5100", "Sigma SD1 Merrill"])
+@pytest.mark.parametrize(
+    ("light", "kelvin", "duv"),
+    [
+        ("A", 2856, 0.0),
+        ("D65", 6504, 0.0032),
+        ("FL2", 4224, 0.0018),
+        ("FL11", 3999, 0.0001),
+        ("LED-B3", 4103, -0.0006),
+    ],
+)
+def test_the_white_of_a_lamp_is_that_of_its_spectrum(
+    models: dict[str, Model], camera: str, light: str, kelvin: float, duv: float
+) -> None:
+    """By a matrix for daylight the Duv of A, FL2 and FL11 is off by 0.0036 to 0.0113."""
+    found = white_of_lamp(models[camera], find_light(light))
+
+    assert found is not None
+    assert 1e6 / found[0] == pytest.approx(1e6 / kelvin, abs=14)
+    assert found[1] == pytest.approx(duv, abs=0.0026)
+
+
+@pytest.mark.parametrize("camera", ["Nikon D5100", "Sigma SD1 Merrill"])
+def test_gels_are_told(models: dict[str, Model], camera: str) -> None:
+    """No measured lamp has any: light that is estimated by them alone would be nearly white."""
+    model, nm = models[camera], WAVELENGTHS_NM
+    taken = 0.6 * np.exp(-0.5 * ((nm - 620) / 40) ** 2) + 0.5 * np.exp(
+        -0.5 * ((nm - 450) / 30) ** 2
+    )
+    greenish = find_light("LED-B3") * (1 - taken)
+    green = find_light("A") * np.exp(-0.5 * ((nm - 530) / 35) ** 2)
+
+    found, true = white_of_lamp(model, greenish), cct_duv(cie_1931() @ greenish)
+    assert found is not None and true is not None
+    assert found[1] == pytest.approx(true[1], abs=0.0105)
+    assert true[1] > 0.03
+    assert white_of_lamp(model, green) is None
+
+
+def test_the_white_of_a_lamp_has_no_sign(models: dict[str, Model]) -> None:
+    model = models["Nikon D5100"]
+    matrix = best_of(model, find_light("FL2"))
+
+    np.testing.assert_allclose(model.lamp_white(-3 * matrix), model.lamp_white(matrix), rtol=1e-9)
+
+
+def test_the_white_of_a_lamp_in_a_rendered_picture_is_its_own_colour() -> None:
+    model = build_model(srgb_stand_in(), find_light("xenon"), find_light("D65"), "wpca")
+    matrix = best_of(model, find_light("FL2"))
+
+    np.testing.assert_allclose(
+        model.lamp_white(matrix), model.camera_to_xyz @ matrix @ model.flash_white, rtol=1e-12
+    )

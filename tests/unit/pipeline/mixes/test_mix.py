@@ -12,12 +12,13 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
 from pipeline.lamps.lamps import Lamps
-from pipeline.light.model import Model
+from pipeline.light.model import Model, build_model
 from pipeline.mixes.mix import mix_basis, mix_matrices, mixed
 from pipeline.mixes.mix_options import LampMix, Mix, MixBasis
 from pipeline.pictures.shown import shown_gain
 from pipeline.pictures.white_balance import whites_of
-from pipeline.spectra.cameras import Camera
+from pipeline.results.manifest import lamp_entries
+from pipeline.spectra.cameras import Camera, named_camera
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.matrices import best_matrix
@@ -104,7 +105,7 @@ def test_a_temperature_is_that_of_the_light_and_keeps_its_brightness(
     found = one(basis, layers, neutral=neutral, temperature_k=kelvin, tint=tint)
 
     assert found[1] == pytest.approx(before[1], rel=2e-3)
-    light = cct_duv(found, np.eye(3))
+    light = cct_duv(found)
     assert light is not None
     assert light[0] == pytest.approx(kelvin, rel=0.01)
     assert light[1] == pytest.approx(-tint / 3000, abs=5e-4)
@@ -124,14 +125,65 @@ def test_a_tint_that_no_light_has_takes_no_light_away(
     assert found[1] == pytest.approx(before[1], rel=0.04)
 
 
-def test_a_lamps_own_temperature_changes_nothing(basis: MixBasis, layers: Floats32) -> None:
-    plain = one(basis, layers)
-    own = cct_duv(plain, np.eye(3))
+def lit_by(light: str, name: str, lamps_of: Callable[..., Lamps]) -> tuple[Lamps, Model]:
+    """A lamp as it is fitted at best, and the model of a measured camera."""
+    camera = named_camera(name)
+    s, flash = camera.sensitivities, find_light("xenon")
+    model = build_model(camera, flash, find_light("D65"), "wpca")
+    matrix = best_matrix(s * flash / (s @ flash)[1], s * find_light(light))
+    return lamps_of(np.ones(3), matrices=matrix[None] / matrix[1].sum()), model
+
+
+@pytest.mark.parametrize("name", ["Nikon D5100", "Sigma SD1 Merrill"])
+@pytest.mark.parametrize("light", ["A", "D65", "FL2", "FL11", "LED-B3", "HP1"])
+def test_the_temperature_that_is_told_of_a_lamp_changes_nothing(
+    lamps_of: Callable[..., Lamps], light: str, name: str
+) -> None:
+    """Nor does one near it jump; one that is another's has just its colour."""
+    lamps, model = lit_by(light, name, lamps_of)
+    card = np.array([[whites_of(lamps, model)[0]]], np.float32)
+    basis = mix_basis(card, lamps, model)
+    (told,) = lamp_entries(lamps, model, np.ones(1))
+
+    def lit(**settings: Any) -> Floats64:
+        mix = Mix(lamps=[LampMix(**settings)])
+        return np.asarray(SRGB_TO_XYZ @ (mix_matrices(basis, mix)[0] @ card[0, 0]), np.float64)
+
+    plain, tint = lit(), -3000 * told["duv"]
+    found = lit(temperature_k=told["cct_k"], tint=tint)
+    np.testing.assert_allclose(found, plain, atol=1e-3 * plain[1])
+    near = lit(temperature_k=1e6 / (1e6 / told["cct_k"] - 1), tint=tint)
+    assert 0 < near[2] - plain[2] < 0.01 * plain[1]
+    for kelvin in (told["cct_k"] * 2, told["cct_k"] / 1.8):
+        light_of = cct_duv(lit(temperature_k=kelvin, tint=9))
+        assert light_of is not None
+        assert light_of[0] == pytest.approx(kelvin, rel=0.01)
+        assert light_of[1] == pytest.approx(-0.003, abs=5e-4)
+
+
+def test_manifests_of_before_tell_the_temperature_of_the_white_that_is_shown(
+    basis: MixBasis, layers: Floats32
+) -> None:
+    before = MixBasis.model_validate(
+        basis.model_dump(exclude={"lamps": {"__all__": {"own_white"}}})
+    )
+    plain = one(before, layers)
+    own = cct_duv(plain)
     assert own is not None
 
-    found = one(basis, layers, temperature_k=own[0], tint=-3000 * own[1])
+    found = one(before, layers, temperature_k=own[0], tint=-3000 * own[1])
 
     np.testing.assert_allclose(found, plain, rtol=5e-3)
+
+
+def test_a_lamp_without_a_temperature_has_no_own_white(
+    lamps_of: Callable[..., Lamps], model: Model
+) -> None:
+    lamps = lamps_of([[0.2, 1.0, 0.1], [0.9, 0.8, 0.4]])
+
+    basis = mix_basis(np.ones((1, 1, 3), np.float32), lamps, model)
+
+    assert [lamp.own_white is None for lamp in basis.lamps] == [True, False]
 
 
 def test_a_lamp_of_one_colour_can_still_have_a_temperature(basis: MixBasis) -> None:
@@ -166,7 +218,7 @@ def test_a_lamp_without_a_white_to_adapt_from_gets_the_temperature_of_the_neutra
     found = lit(temperature_k=kelvin, tint=tint)
 
     assert found[1] == pytest.approx(lit(neutral=True)[1], rel=2e-3)
-    light = cct_duv(found, np.eye(3))
+    light = cct_duv(found)
     assert light is not None
     assert light[0] == pytest.approx(kelvin, rel=0.01)
     assert light[1] == pytest.approx(-tint / 3000, abs=5e-4)

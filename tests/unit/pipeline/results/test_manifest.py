@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
+from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv
+from pipeline.encode.jpeg import to_srgb8
 from pipeline.estimate import Estimate
 from pipeline.images.frames import Exposure, Frame
 from pipeline.light.model import Model
@@ -24,6 +26,7 @@ from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
 
 
 @pytest.fixture
@@ -207,8 +210,8 @@ def test_lamps_are_told_by_colour_and_temperature(
     for entry, kelvin, vector in zip(entries, lights.values(), coefficients, strict=True):
         assert entry["cct_k"] == pytest.approx(kelvin, rel=0.1)
         assert isinstance(entry["cct_k"], int)
-        assert abs(entry["duv"]) < 0.015
-        found = cct_duv(model.lamp_matrix(vector) @ model.flash_white, model.camera_to_xyz)
+        assert abs(entry["duv"]) < 0.01
+        found = cct_duv(model.lamp_white(model.lamp_matrix(vector)))
         assert found is not None
         assert entry["duv"] == round(found[1], 4) != 0
         assert max(entry["rgb"]) == 1
@@ -264,16 +267,20 @@ def test_coloured_light_has_no_temperature(
     assert entry["duv"] is None
 
 
-@pytest.mark.parametrize("peak_nm", [440, 450, 455, 460])
-def test_a_deep_blue_lamp_is_blue_on_a_screen(
+@pytest.mark.parametrize("peak_nm", [440, 450, 455, 460, 530, 620, 650])
+def test_a_lamp_of_one_colour_has_it_on_a_screen(
     model: Model, camera: Camera, lamps_of: Callable[..., Any], peak_nm: int
 ) -> None:
-    white = camera.sensitivities @ np.exp(-0.5 * ((WAVELENGTHS_NM - peak_nm) / 10) ** 2)
+    light = np.exp(-0.5 * ((WAVELENGTHS_NM - peak_nm) / 10) ** 2)
+    white = camera.sensitivities @ light
 
     (entry,) = lamp_entries(lamps_of(white / np.linalg.norm(white)), model, np.ones(1))
 
-    red, green, blue = bytes.fromhex(entry["srgb"].removeprefix("#"))
-    assert blue > 120 and max(red, green) < 50
+    linear = XYZ_TO_SRGB @ cie_1931() @ light
+    shown = to_srgb8((linear / linear.max()).astype(np.float32).reshape(1, 1, 3))[0, 0]
+    found = np.array([*bytes.fromhex(entry["srgb"].removeprefix("#"))])
+    assert np.abs(found - shown).max() < 50
+    assert found.argmax() == shown.argmax() and np.median(found) < found.max() / 2
 
 
 @pytest.mark.parametrize(("light", "warm"), [("A", True), ("D150", False)])

@@ -30,7 +30,7 @@ from pipeline.spectra.observer import cie_1931
 
 
 def kelvin(light: np.typing.NDArray[np.float64]) -> float | None:
-    found = cct_duv(cie_1931() @ light, np.eye(3))
+    found = cct_duv(cie_1931() @ light)
     return None if found is None else found[0]
 
 
