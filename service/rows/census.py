@@ -11,7 +11,8 @@ from service.rows.states import State
 
 def living_workers(connection: sa.Connection, silence_seconds: float) -> int:
     """How many workers were heard of lately."""
-    lately = workers.c.seen >= now() - silence_seconds
+    # The database's clock was set back: those heard of later than now may be dead for long.
+    lately = workers.c.seen.between(now() - silence_seconds, now() + silence_seconds)
     count = sa.select(sa.func.count()).select_from(workers).where(lately)
     return connection.execute(count).scalar_one()
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import census, database, jobs
+from service.rows import census, database, heartbeats, jobs
 
 
 def _add(connection: sa.Connection, job_id: str, ago: float, **values: Any) -> None:
@@ -35,3 +35,16 @@ def test_an_attempt_that_was_cut_short_does_not_shorten_the_wait(engine: sa.Engi
     with engine.begin() as connection:
         _add(connection, "a", 9000, started=database.now() - 100)
         assert census.longest_wait(connection) == pytest.approx(9000, abs=50)
+
+
+def test_a_worker_that_died_before_the_clock_was_set_back_does_not_live_until_it_is_as_late_again(
+    engine: sa.Engine,
+) -> None:
+    def living(later: float) -> int:
+        with engine.begin() as connection:
+            connection.execute(sa.update(database.workers).values(seen=database.now() + later))
+            return census.living_workers(connection, 15)
+
+    with engine.begin() as connection:
+        heartbeats.beat(connection, "w")
+    assert [living(later) for later in (-100, -5, 5, 3600)] == [0, 1, 1, 0]
