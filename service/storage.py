@@ -12,12 +12,13 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import obstore
 from obstore.exceptions import BaseError, GenericError
-from obstore.store import LocalStore, ObjectStore, S3Store, from_url
+from obstore.store import LocalStore, ObjectStore, S3Store
 
 from service import durable
 from service.durable import FULL
@@ -26,12 +27,35 @@ from service.errors import StorageFullError
 _CHUNK = 1024 * 1024
 _PIECE = 4 * _CHUNK  # that a request to S3 asks for
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
+_PIECES = 2  # of a large file in memory at a time, of 5 MiB, not a dozen
 
 _FULL_SIGNS = (*(f"(os error {number})" for number in FULL), "507 Insufficient Storage")
 """What the store's client says of a disk that is full: this machine's, or that of an S3 server."""
 
 _RETRY = timedelta(seconds=45)
 """How long a request that fails is sent again. One that hangs takes 30 s: it is sent twice."""
+
+_SILENCE = timedelta(seconds=30)  # of a request: between its end, and the bytes of its answer
+_SLOWEST = timedelta(minutes=10)
+"""For one part of 5 MiB to pass: of three processes with eight each on a line of 2 Mbit/s."""
+
+_CLIENT_OPTIONS = (
+    "allow_http",
+    "allow_invalid_certificates",
+    "connect_timeout",
+    "http1_only",
+    "http2_only",
+    "pool_idle_timeout",
+    "pool_max_idle_per_host",
+    "proxy_ca_certificate",
+    "proxy_excludes",
+    "proxy_url",
+    "user_agent",
+)
+"""Of the store's client, which has them from the environment by these names after AWS_."""
+
+_LOOK_SECONDS = 15.0  # between two looks, during a put, at whether the store still answers
+_SILENT_SECONDS = 45.0  # that it may take to: what is asked waits behind parts on a full line
 
 
 class Storage:
@@ -53,24 +77,39 @@ class Storage:
         self._store: ObjectStore = (
             LocalStore(self._folder, mkdir=True, automatic_cleanup=True)
             if self._folder
-            else from_url(url, retry_config={"retry_timeout": _RETRY})
+            else _bucket_at(url, _RETRY, timeout=_SLOWEST, read_timeout=_SILENCE)
         )
+        # What is sent counts as silence: puts look themselves whether the store still answers.
+        self._sending = self._store if self._folder else _bucket_at(url, _SLOWEST, timeout=_SLOWEST)
 
     def put(self, key: str, data: bytes | Path, headers: Mapping[str, str] | None = None) -> None:
         """Store bytes, or a file in parts when it is large. Raises StorageFullError.
 
         headers: what the answer to a link has, like Content-Type; a folder, without links, keeps
-        none.
+        none. To S3 it takes as long as the line is slow, unless the store falls silent.
         """
         try:
-            # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
             with self._puts, _room():
-                kept = {} if headers is None or self._folder else dict(headers)
-                obstore.put(self._store, key, data, attributes=kept, max_concurrency=2)
+                if self._folder is not None:
+                    obstore.put(self._store, key, data, max_concurrency=_PIECES)
+                else:
+                    asyncio.run(self._put_watched(key, data, dict(headers or {})))
         except FileNotFoundError as error:  # a bucket that is gone is a store that is away
             if self._folder is not None:
                 raise
             raise GenericError("there is no such bucket") from error
+
+    async def _put_watched(self, key: str, data: bytes | Path, headers: dict[str, str]) -> None:
+        """Store it in S3, and ask the store meanwhile whether it answers. Raises GenericError."""
+        named: Any = {"attributes": headers, "max_concurrency": _PIECES}
+        putting = asyncio.ensure_future(obstore.put_async(self._sending, key, data, **named))
+        while not (await asyncio.wait([putting], timeout=_LOOK_SECONDS))[0]:
+            try:
+                await self.check_within(_SILENT_SECONDS)
+            except (BaseError, OSError):
+                if putting.cancel():  # not where it has come to an end meanwhile
+                    raise
+        await putting
 
     def put_file(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
         """Store a file as put does, and give back its SHA-256."""
@@ -238,6 +277,16 @@ class Storage:
             if self._folder is None:
                 self.check()  # without its bucket, this raises GenericError
             raise
+
+
+def _bucket_at(url: str, retry: timedelta, **limits: timedelta) -> ObjectStore:
+    """Open a store in S3. retry: how long what fails is sent again. limits: of a request."""
+    # One option given, the client would read none of the others from the environment.
+    given = {name: os.environ.get(f"AWS_{name.upper()}") for name in _CLIENT_OPTIONS}
+    options: Any = {name: value for name, value in given.items() if value is not None}
+    return S3Store.from_url(
+        url, client_options=options | limits, retry_config={"retry_timeout": retry}
+    )
 
 
 @contextlib.contextmanager
