@@ -9,7 +9,7 @@ import itertools
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,7 @@ _CLIENT_OPTIONS = (
 """Of the store's client, which has them from the environment by these names after AWS_."""
 
 _LOOK_SECONDS = 15.0  # between two looks, during a put, at whether the store still answers
+_CHECK_SECONDS = 1.0  # between two looks at whether the put is wanted any more
 _SILENT_SECONDS = 45.0  # that it may take to: what is asked waits behind parts on a full line
 
 
@@ -82,40 +83,60 @@ class Storage:
         # What is sent counts as silence: puts look themselves whether the store still answers.
         self._sending = self._store if self._folder else _bucket_at(url, _SLOWEST, timeout=_SLOWEST)
 
-    def put(self, key: str, data: bytes | Path, headers: Mapping[str, str] | None = None) -> None:
+    def put(
+        self,
+        key: str,
+        data: bytes | Path,
+        headers: Mapping[str, str] | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
         """Store bytes, or a file in parts when it is large. Raises StorageFullError.
 
         headers: what the answer to a link has, like Content-Type; a folder, without links, keeps
         none. To S3 it takes as long as the line is slow, unless the store falls silent.
+        check: asked each second meanwhile; what it raises ends that.
         """
         try:
             with self._puts, _room():
                 if self._folder is not None:
                     obstore.put(self._store, key, data, max_concurrency=_PIECES)
                 else:
-                    asyncio.run(self._put_watched(key, data, dict(headers or {})))
+                    asyncio.run(self._put_watched(key, data, dict(headers or {}), check))
         except FileNotFoundError as error:  # a bucket that is gone is a store that is away
             if self._folder is not None:
                 raise
             raise GenericError("there is no such bucket") from error
 
-    async def _put_watched(self, key: str, data: bytes | Path, headers: dict[str, str]) -> None:
-        """Store it in S3, and ask the store meanwhile whether it answers. Raises GenericError."""
+    async def _put_watched(
+        self, key: str, data: bytes | Path, headers: dict[str, str], check: Callable[[], None]
+    ) -> None:
         named: Any = {"attributes": headers, "max_concurrency": _PIECES}
         putting = asyncio.ensure_future(obstore.put_async(self._sending, key, data, **named))
-        while not (await asyncio.wait([putting], timeout=_LOOK_SECONDS))[0]:
-            try:
-                await self.check_within(_SILENT_SECONDS)
-            except (BaseError, OSError):
-                if putting.cancel():  # not where it has come to an end meanwhile
-                    raise
+        watching = asyncio.create_task(self._watch()), asyncio.create_task(_repeat(check))
+        done, _ = await asyncio.wait([putting, *watching], return_when=asyncio.FIRST_COMPLETED)
+        failures = [task.exception() for task in watching if task in done]
+        if putting not in done and failures[0]:
+            putting.cancel()
+            raise failures[0]
         await putting
 
-    def put_file(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
+    async def _watch(self) -> None:
+        """Ask the store for something, again and again. Raises GenericError once it is silent."""
+        while True:
+            await asyncio.sleep(_LOOK_SECONDS)
+            await self.check_within(_SILENT_SECONDS)
+
+    def put_file(
+        self,
+        key: str,
+        path: Path,
+        headers: Mapping[str, str] | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> str:
         """Store a file as put does, and give back its SHA-256."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        self.put(key, path, headers)
+        self.put(key, path, headers, check)
         return digest
 
     def copy(self, key: str, other: str) -> None:
@@ -277,6 +298,12 @@ class Storage:
             if self._folder is None:
                 self.check()  # without its bucket, this raises GenericError
             raise
+
+
+async def _repeat(check: Callable[[], None]) -> None:
+    while True:
+        await asyncio.sleep(_CHECK_SECONDS)
+        check()
 
 
 def _bucket_at(url: str, retry: timedelta, **limits: timedelta) -> ObjectStore:

@@ -366,15 +366,24 @@ class Attempt:
         return {
             "name": path.name,
             "size": path.stat().st_size,
-            "sha256": self._keep(key, path, headers_of(path.name)),
+            "sha256": self._keep(key, path, headers_of(path.name), self._stopping.check),
             "media_type": media_type(path.name),
         }
 
-    def _keep(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
-        """Store a file so that it outlasts a power cut; its SHA-256. headers: of its link."""
+    def _keep(
+        self,
+        key: str,
+        path: Path,
+        headers: Mapping[str, str] | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> str:
+        """Store a file so that it outlasts a power cut; its SHA-256.
+
+        headers: of its link. check: raises what is to end that, however slow the line is.
+        """
 
         def put() -> str:
-            digest = self._storage.put_file(key, path, headers)
+            digest = self._storage.put_file(key, path, headers, check)
             self._storage.flush([key])
             return digest
 

@@ -265,6 +265,28 @@ def test_a_put_ends_when_the_store_is_silent(
     assert ended == ["jobs/1/1/layers.exr"]
 
 
+def test_a_put_ends_when_it_is_wanted_no_more(
+    bucket: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended: list[str] = []
+
+    async def put(_store: object, key: str, _data: bytes, **_named: object) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.append(key)
+
+    async def check_within(_seconds: float) -> None:
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr("service.storage._CHECK_SECONDS", 0.0)
+    monkeypatch.setattr(obstore, "put_async", put)
+    monkeypatch.setattr(bucket, "check_within", check_within)
+    with pytest.raises(InterruptedError):
+        bucket.put("a", b"light", check=raising(InterruptedError()))
+    assert ended == ["a"]
+
+
 def test_what_a_put_says_itself_goes_before_a_store_that_is_silent(
     bucket: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -337,10 +337,10 @@ def test_a_job_that_fails_leaves_no_results(
     """The disk fills up with the second one."""
     put_file = Storage.put_file
 
-    def put(storage: Storage, key: str, path: Path, headers: dict[str, str]) -> str:
+    def put(storage: Storage, key: str, path: Path, *more: Any) -> str:
         if path.name == "b.png":
             raise OSError(errno.ENOSPC, "full")
-        return put_file(storage, key, path, headers)
+        return put_file(storage, key, path, *more)
 
     def separates_more(task: Task, *_rest: object) -> None:
         separates(task)

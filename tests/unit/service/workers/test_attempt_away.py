@@ -118,3 +118,35 @@ def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
             attempt.give_up()
     attempt.give_up()
     assert context.storage.list(results_key(job_id, 1)) == []
+
+
+def test_a_worker_that_ends_while_a_result_goes_to_the_store_costs_the_job_nothing(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over a slow line it goes for minutes, and a worker that waited for that would be killed."""
+    ends: list[bool] = []
+    stored_files: list[str] = []
+
+    def separate(task: Task, *_rest: object) -> None:
+        folder = Path(task.directory) / RESULTS
+        folder.mkdir()
+        (folder / "layers.exr").write_bytes(b"light")
+
+    def put(_storage: Storage, _key: str, path: Path, _headers: object, check: Any) -> str:
+        check()
+        ends.append(True)
+        check()
+        stored_files.append(path.name)
+        return ""
+
+    monkeypatch.setattr(sandbox, "run", separate)
+    monkeypatch.setattr(Storage, "put_file", put)
+    job_id = stored_job(context)
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, job_id, "w")
+    assert held is not None
+    server, settings = context.fork_server, context.settings
+    parts = (context.engine, context.storage, settings, server)
+    Attempt(held, *parts, lambda: bool(ends)).run()
+    job = stored(context.engine, job_id)
+    assert (job.state, job.attempt, job.lost, stored_files) == (State.QUEUED, 1, 0, [])
