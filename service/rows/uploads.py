@@ -137,10 +137,10 @@ def remove_expired(engine: sa.Engine, storage: Storage, strays: bool) -> None:
     with engine.connect() as connection:
         moment = connection.execute(sa.select(now() - _LONG_OVER_SECONDS)).scalar_one()
         over = uploads.c.expires <= moment  # the same ones each time
-        kept = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
-        gone = set(connection.execute(sa.select(uploads.c.id).where(over)).scalars())
+        found = connection.execute(sa.select(uploads.c.id, over.label("over")))
+        is_over: dict[str, bool] = {row.id: row.over for row in found}
     stuck = []
-    for upload_id in sorted(stored - kept if strays else stored & gone):
+    for upload_id in sorted(each for each in stored if is_over.get(each, strays)):
         if not storage.try_delete_below(f"{UPLOADS}{upload_id}/"):
             log.warning("the pieces of upload %s cannot be deleted: %s", upload_id, ADVICE)
             stuck.append(upload_id)
