@@ -96,17 +96,16 @@ class Sender:
 
     def _hold_up(self, reason: str) -> None:
         """Tell why nothing goes, once for each reason."""
-        if reason != self._held and not self._stopped.is_set():
-            self._held = reason
-            place = str(self._spool.folder)
-            facts: dict[str, Any] = {"reason": reason, "spool": place, **self._waiting()}
-            if (count := facts.get("waiting")) is None:  # that may be why nothing goes
-                self._tell(
-                    "held", f"{reason} See to {place} and its disk, then it goes on.", **facts
-                )
-                return
-            waiting = counted(count, "pair waits", "pairs wait")
-            self._tell("held", f"{reason} {waiting} in the spool {place}.", **facts)
+        if reason == self._held or self._stopped.is_set():
+            return
+        self._held = reason
+        place, waiting = str(self._spool.folder), self._waiting()
+        if waiting:
+            pairs = counted(waiting["waiting"], "pair waits", "pairs wait")
+            more = f"{pairs} in the spool {place}."
+        else:  # that may be why nothing goes
+            more = f"See to {place} and its disk, then it goes on."
+        self._tell("held", f"{reason} {more}", reason=reason, spool=place, **waiting)
 
     def _waiting(self) -> dict[str, int]:
         """Tell how many pairs wait, where the spool can be read."""
