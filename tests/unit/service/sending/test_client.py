@@ -354,6 +354,20 @@ def test_a_service_that_cannot_tell_of_an_upload_is_away_for_now(
     assert (away.value.status, away.value.passes) == (503, True)
 
 
+@pytest.mark.parametrize(("status", "passes"), [(500, False), (503, True), (507, False)])
+def test_of_what_cannot_tell_of_an_upload_the_service_being_away_alone_passes(
+    status: int, passes: bool
+) -> None:
+    answer = httpx.Response(status, headers={"trace-id": "0" * 32})
+    with Client("http://127.0.0.1:9") as client:
+        client._http = httpx.Client(
+            base_url="http://127.0.0.1:9", transport=httpx.MockTransport(lambda _asked: answer)
+        )
+        with pytest.raises(ServiceAwayError, match="try again later") as away:
+            client.upload_offset("1")
+    assert (away.value.status, away.value.passes) == (status, passes)
+
+
 @pytest.mark.parametrize("status", [401, 403, 500, 503])
 def test_another_server_that_knows_no_uploads_is_told(status: int) -> None:
     away = pytest.raises(ServiceAwayError, match=rf"no lightlayers .*\(status {status}\)")
