@@ -30,6 +30,8 @@ _GONE = 0.35  # part of an edge that may be left
 _APPEARED = 0.3  # part of a step under the flash that may be there without it
 _EVEN_FLASH = 0.35  # darker beside brighter flash light; less is the flash's shadow or its gloss
 _NEAR = 9  # pixels, side of the square for "beside"
+_POOL, _LEAST_POOL = 0.0075, 3.0  # of the diagonal; pixels: the blur that tells edges from pools
+_BLURRED = 0.85  # part of its steepness that this blur may leave of an edge
 _GRADIENT_NOISE = 0.06  # variance of a gradient after both blurs, relative to a pixel's
 _EDGE_BLUR, _EDGE_WINDOW = 1.0, 1.5
 _SPECK = 2e-4  # of the picture; less is chance
@@ -73,6 +75,8 @@ def find_moved(
     lost = usable & _lost(before, after, variances, _LOST_RENDERED if rendered else _LOST)
     gone, appeared = (usable & edges for edges in _edges_that_differ(before, after, variances))
     appeared &= _evenly_lit(before, after)
+    # a pool of the flash's light is wide, and takes none away
+    appeared &= _sharp(after) | _losing(_things(lost | gone | appeared), lost)
     moved = _with_evidence(_things(lost | gone | appeared), lost, gone, appeared)
     found = np.zeros(unusable.shape, dtype=np.uint8)
     columns, rows = blocks.crop
@@ -122,8 +126,17 @@ def _evenly_lit(before: Image, after: Image) -> Mask:
     return np.asarray(cv2.erode(flash, square) > _EVEN_FLASH * cv2.dilate(flash, square))
 
 
-def _gradient(image: Image) -> tuple[Floats32, Floats32]:
-    smooth = cv2.GaussianBlur(image, (0, 0), _EDGE_BLUR)
+def _sharp(after: Image) -> Mask:
+    """Pixels beside edges that a wide blur flattens; it leaves pools of light as they are."""
+    pool = max(_LEAST_POOL, _POOL * float(np.hypot(*after.shape[:2])))
+    narrow, wide = (_gradient(after, blur) for blur in (_EDGE_BLUR, pool))
+    square = np.ones((_NEAR, _NEAR), np.uint8)
+    edges, flattened = (cv2.dilate(_window(one, one), square) for one in (narrow, wide))
+    return np.asarray(flattened < _BLURRED**2 * edges)
+
+
+def _gradient(image: Image, blur: float = _EDGE_BLUR) -> tuple[Floats32, Floats32]:
+    smooth = cv2.GaussianBlur(image, (0, 0), blur)
     x, y = (cv2.Sobel(smooth, -1, 1 - axis, axis, scale=0.125) for axis in (0, 1))
     return np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
 
@@ -155,6 +168,15 @@ def _things(evidence: Mask) -> Mask:
     cv2.drawContours(filled, outlines, -1, 1, cv2.FILLED)
     opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, _disc(thin))
     return np.asarray(opened[reach:-reach, reach:-reach] > 0)
+
+
+def _losing(things: Mask, lost: Mask) -> Mask:
+    """Things of which some part has lost light."""
+    count, labels = cv2.connectedComponents(things.astype(np.uint8))
+    area = np.bincount(labels.ravel(), minlength=count)
+    losing = np.bincount(labels[lost], minlength=count) > _EVIDENCE * area
+    losing[0] = False  # the background
+    return np.asarray(losing[labels])
 
 
 def _with_evidence(things: Mask, lost: Mask, gone: Mask, appeared: Mask) -> Mask:

@@ -119,6 +119,29 @@ def test_places_that_are_darker_alone_are_gone_in_a_brightened_photograph() -> N
     )
 
 
+@pytest.mark.parametrize("radius", [12, 16, 20])
+def test_pools_of_the_flashs_light_are_no_motion(radius: float) -> None:
+    """As a mirror or a shiny thing throws them on a wall, where no light of the lamps changes."""
+    before, after = photographs((np.full((HEIGHT, WIDTH, 3), 0.6),) * 2)
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    pool = np.exp(-((u - 200) ** 2 + (v - 90) ** 2) / (2 * radius**2))[..., None]
+
+    assert not moved_in((before, after + (0.96 * pool).astype(np.float32))).any()
+
+
+@pytest.mark.parametrize("soft", [0.0, 3.0])
+def test_a_thing_that_comes_out_of_focus_is_no_pool(soft: float) -> None:
+    there = person(175)[..., 0]
+    if soft:
+        there = cv2.GaussianBlur(there, (0, 0), soft)
+    wall_behind = np.full((HEIGHT, WIDTH, 3), 0.6)
+    with_it = wall_behind * (1 - there[..., None]) + 0.9 * there[..., None]
+
+    found = moved_in(photographs((wall_behind, with_it)))
+
+    assert found[there > 0.5].mean() > 0.95
+
+
 def test_half_a_pixel_of_misalignment_is_no_motion() -> None:
     before, after = photographs((wall(), wall()))
     off = cv2.warpAffine(after, np.array([[1, 0, 0.5], [0, 1, 0.3]]), (WIDTH, HEIGHT), flags=2)
