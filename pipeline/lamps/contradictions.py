@@ -16,6 +16,8 @@ from pipeline.vectors import angles_deg, unit
 # Chosen on development scenes (docs/decisions/0008-known-lamps.md)
 _WORSE, _UNEXPLAINED = 20.0, 0.5  # log likelihood; of unexplained
 _NEAR_DEGREES = 3.0  # between the colours of a spectrum's lamp and of the one found
+# log likelihood for each spectrum: where shadows have edges, right ones cost as much only nearer
+_MUCH_WORSE, _COSTLY_DEGREES = 120.0, 1.0
 _OTHER_LIGHT, _QUANTILE = 0.02, 0.8  # chromaticity, beyond the noise, in a fifth of the area
 
 
@@ -36,21 +38,25 @@ def contradictions(
         for number, (pin, matrix) in enumerate(zip(known.pinned, found.matrices, strict=False), 1)
         if pin.of_area and other_light(pin, matrix) > _OTHER_LIGHT
     ]
-    if said or not _worse(reduced, evidence, found, free):
+    if said:
         return said
+    worse = _worse(reduced, evidence, found, free)
     if not known.pinned:
         message = (
             "The photograph looks as if a forbidden lamp were there: without it, the lamps found "
             "explain the light much worse. Check what is forbidden."
         )
-        return [RunWarning(Code.FORBIDDEN_LAMP_SHOWS, message)]
+        return [RunWarning(Code.FORBIDDEN_LAMP_SHOWS, message)] if worse else []
+    only_spectra = not any(pin.of_area for pin in known.pinned)
+    cost = (found.cost - free.cost) / len(known.pinned)
+    costly = only_spectra and evidence.has_edges and cost > _MUCH_WORSE
     off = [
         _angles(pin.matrix, free.matrices, known.flash_white).min()
         # a spectrum is regressed on other surfaces than the scene's, and never fits as well
-        - (0.0 if pin.of_area else _NEAR_DEGREES)
+        - (0.0 if pin.of_area else _COSTLY_DEGREES if costly else _NEAR_DEGREES)
         for pin in known.pinned
     ]
-    if max(off) < 0:
+    if not (worse or costly) or max(off) < 0:
         return []
     number = int(np.argmax(off)) + 1
     message = (

@@ -89,6 +89,29 @@ def test_a_spectrum_near_a_lamp_that_is_found_anyway_is_not_doubted(
         assert bool(said) is doubted
 
 
+@pytest.mark.parametrize(("pins", "cost"), [(1, 120.0), (2, 240.0)])
+def test_a_spectrum_near_a_lamp_is_doubted_where_it_costs_much(
+    seen: Seen,
+    model: Model,
+    warm_to_cool: Floats64,
+    pin: Callable[..., Pin],
+    pins: int,
+    cost: float,
+) -> None:
+    """Each right pin may cost a little; what is farthest from all lamps found without it is told."""
+    free = model.lamp_matrix(warm_to_cool[:2] + np.array([[0.02, 0.0, 0.0], [0.03, 0.0, 0.0]]))
+    near = known(model, *(replace(pin(warm_to_cool[k]), of_area=False) for k in (1, 0)[:pins]))
+
+    for off, doubted in ((-1.0, False), (1.0, True)):
+        said = contradictions(*seen, near, Fit(near.matrices, 0.0), Fit(free, -cost - off))
+        assert [(one.code, one.figures) for one in said] == (
+            [(Code.PIN_CONTRADICTED, {"pin": 1})] if doubted else []
+        )
+    # a right one may cost as much, but is found nearly where it is
+    true = model.lamp_matrix(warm_to_cool[:2] + np.array([0.005, 0.0, 0.0]))
+    assert contradictions(*seen, near, Fit(near.matrices, 0.0), Fit(true, -2 * cost)) == []
+
+
 def test_an_area_of_several_lamps_is_doubted(
     seen: Seen, model: Model, warm_to_cool: Floats64, pin: Callable[..., Pin]
 ) -> None:
