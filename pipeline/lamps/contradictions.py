@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pipeline.arrays import Floats64
@@ -62,6 +64,23 @@ def contradictions(
     message = (
         f"The photograph speaks against pinned lamp {number}: with it, the lamps explain the light "
         "much worse than without. Check its area or spectrum, and the number of lamps."
+    )
+    return [RunWarning(Code.PIN_CONTRADICTED, message, {"pin": number})]
+
+
+def needless_pins(found: Fit, fewer: Sequence[Fit]) -> list[RunWarning]:
+    """Warn of a pinned lamp without which the others are as likely, none where there is none.
+
+    found: the fit of pinned lamps alone. fewer: for each of them the fit of all others. Of several
+    the one is named that is missed least. Only where shadows have edges does the likelihood tell.
+    """
+    gains = [one.cost - found.cost for one in fewer]
+    if not gains or min(gains) > 0:
+        return []
+    number = int(np.argmin(gains)) + 1
+    message = (
+        f"Nothing in the photograph shows pinned lamp {number}: the other lamps explain the light "
+        "as well without it. Leave it out, or check its area or spectrum."
     )
     return [RunWarning(Code.PIN_CONTRADICTED, message, {"pin": number})]
 

@@ -13,7 +13,7 @@ from pipeline.errors import OptionError, UnusablePairError, counted
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.images.frames import Matrix
-from pipeline.lamps.contradictions import contradictions
+from pipeline.lamps.contradictions import contradictions, needless_pins
 from pipeline.lamps.count import DOUBTFUL, MUCH_LEFT, UNSURE, Count, count_lamps, signs_of_fourth
 from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
@@ -152,6 +152,12 @@ def estimate_lamps(
         nothing = nothing_known(model.flash_white)
         free = fit_matrices(reduced, evidence, model, count.number, nothing)
         against = contradictions(reduced, evidence, known, fit(count.number), free)
+    if not against and 1 < len(known.pinned) == count.number and evidence.has_edges:
+        fewer = [
+            fit_matrices(reduced, evidence, model, count.number - 1, known.without(pin))
+            for pin in known.pinned
+        ]
+        against = needless_pins(fit(count.number), fewer)
     left = left_over(reduced, matrices)
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,10 @@ class Known:
     def matrices(self) -> Floats64:
         """Matrices (k, 3, 3) of the pinned lamps."""
         return np.array([pin.matrix for pin in self.pinned]).reshape(-1, 3, 3)
+
+    def without(self, left_out: Pin) -> Known:
+        """All of it but one of the pinned lamps."""
+        return replace(self, pinned=tuple(pin for pin in self.pinned if pin is not left_out))
 
     def forbids(self, matrices: Floats64) -> NDArray[np.bool_]:
         """Whether each of some lamps (n, 3, 3) comes near a forbidden one."""

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.lamps import contradictions as module
-from pipeline.lamps.contradictions import contradictions, other_light
+from pipeline.lamps.contradictions import contradictions, needless_pins, other_light
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, evidence_of_surfaces, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_pin
@@ -110,6 +110,23 @@ def test_a_spectrum_near_a_lamp_is_doubted_where_it_costs_much(
     # a right one may cost as much, but is found nearly where it is
     true = model.lamp_matrix(warm_to_cool[:2] + np.array([0.005, 0.0, 0.0]))
     assert contradictions(*seen, near, Fit(near.matrices, 0.0), Fit(true, -2 * cost)) == []
+
+
+@pytest.mark.parametrize(
+    ("costs", "pin"), [((100.0, 1.0, 50.0), None), ((100.0, -1.0, 50.0), 2), ((-1, 0, -2), 3)]
+)
+def test_a_pin_that_the_others_do_without_is_doubted(
+    model: Model, warm_to_cool: Floats64, costs: tuple[float, ...], pin: int | None
+) -> None:
+    lamps = model.lamp_matrix(warm_to_cool)
+    fewer = [Fit(np.delete(lamps, left_out, 0), cost) for left_out, cost in enumerate(costs)]
+
+    said = needless_pins(Fit(lamps, 0.0), fewer)
+
+    assert [(one.code, one.figures) for one in said] == (
+        [] if pin is None else [(Code.PIN_CONTRADICTED, {"pin": pin})]
+    )
+    assert all(f"Nothing in the photograph shows pinned lamp {pin}" in one.message for one in said)
 
 
 def test_an_area_of_several_lamps_is_doubted(

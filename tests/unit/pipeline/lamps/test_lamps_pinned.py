@@ -40,6 +40,28 @@ def pinned(model: Model, surfaces: Floats64) -> Callable[[Floats64], Known]:
     return of_lamps
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
+def test_a_pinned_lamp_that_is_not_there_is_doubted_among_right_ones(
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Floats64,
+    pinned: Callable[[Floats64], Known],
+    order: tuple[int, ...],
+) -> None:
+    """Of three pinned lamps two shine."""
+    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
+
+    found = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[list(order)]))
+    right = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[:2]))
+
+    (warning,) = found.contradictions
+    assert (warning.code, warning.figures) == (
+        Code.PIN_CONTRADICTED,
+        {"pin": order.index(2) + 1},
+    )
+    assert right.contradictions == ()
+
+
 @pytest.mark.parametrize(
     ("which", "expected"), [((2, 0), [1, 0]), ((0, 2), [0, 1]), ((2,), [-1, 0])]
 )
