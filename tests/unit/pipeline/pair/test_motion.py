@@ -133,7 +133,7 @@ def test_pools_of_the_flashs_light_are_no_motion(radius: float) -> None:
 def test_a_thing_that_comes_out_of_focus_is_no_pool(soft: float) -> None:
     there = person(175)[..., 0]
     if soft:
-        there = cv2.GaussianBlur(there, (0, 0), soft)
+        there = np.asarray(cv2.GaussianBlur(there, (0, 0), soft), np.float64)
     wall_behind = np.full((HEIGHT, WIDTH, 3), 0.6)
     with_it = wall_behind * (1 - there[..., None]) + 0.9 * there[..., None]
 
