@@ -88,7 +88,7 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
     if mixed and not (flash_only and encodings == {"raw", "linear"} and not profiled):
         raise PairMismatchError(
             f"The photograph without the flash holds {_words(no_flash)}, the one with it "
-            f"{_words(flash)}: send two files of one kind."
+            f"{_words(flash)}: send two files with values of one kind."
         )
     cameras = [_camera(frame) for frame in (no_flash, flash)]
     if None not in cameras and cameras[0] != cameras[1]:

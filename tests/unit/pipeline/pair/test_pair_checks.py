@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -161,6 +162,23 @@ def test_encodings_are_not_mixed(
         paired((both[0], both[1]))
 
     assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
+
+
+def test_files_of_two_formats_go_together_where_their_values_are_of_one_kind(
+    light: tuple[Floats64, Floats64], tmp_path: Path
+) -> None:
+    """A TIFF of floats and a PNG of 16 bits, both linear, are as good as two TIFFs."""
+    lamps, flash = light
+    before, both = (np.clip(one, 0, 1) for one in (0.5 * lamps, 0.5 * (lamps + flash)))
+    values = np.round(65535 * both).astype(np.uint16)
+    png_16 = cv2.imencode(".png", values[..., ::-1])[1].tobytes()
+
+    mixed = separated((tiff(before), png_16), tmp_path / "mixed")
+    alike = separated((tiff(before), tiff(values / 65535)), tmp_path / "alike")
+
+    found, wanted = ([lamp["rgb"] for lamp in one["lamps"]] for one in (mixed, alike))
+    np.testing.assert_allclose(found, wanted, atol=0.01)
+    assert codes(mixed) == codes(alike)
 
 
 @pytest.mark.parametrize(("encoding", "words"), [("linear", "linear"), ("raw", "sensor")])
