@@ -98,7 +98,7 @@ def test_a_spectrum_near_a_lamp_is_doubted_where_it_costs_much(
     pins: int,
     cost: float,
 ) -> None:
-    """Each right pin may cost a little; what is farthest from all lamps found without it is told."""
+    """Right pins may cost a little; what is farthest from all lamps found without it is told."""
     free = model.lamp_matrix(warm_to_cool[:2] + np.array([[0.02, 0.0, 0.0], [0.03, 0.0, 0.0]]))
     near = known(model, *(replace(pin(warm_to_cool[k]), of_area=False) for k in (1, 0)[:pins]))
 
