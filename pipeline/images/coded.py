@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, Self
 
 import cv2
@@ -80,6 +81,10 @@ class TableImage(CodedImage):
     def divided(self, by: float) -> Self:
         """Divide the table."""
         return type(self)(self._codes, self._table / np.float32(by))
+
+    def mapped(self, curve: Callable[[Image], Image]) -> Self:
+        """The same photograph, all values through a curve: so does the table."""
+        return type(self)(self._codes, curve(self._table))
 
     def _light(self, codes: NDArray[np.uint8]) -> Image:
         if codes.ndim != 3:

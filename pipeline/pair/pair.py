@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pipeline.images.noise import Noise
 from pipeline.options import PairOptions
 from pipeline.pair.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
+from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.motion import find_moved
@@ -28,6 +29,7 @@ from pipeline.pair.pair_warnings import (
     unsteady_warnings,
 )
 from pipeline.pair.steadiness import block_ratios, brightening, darker_share
+from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
 
@@ -47,6 +49,8 @@ class Pair:
         something that moved.
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
     rendered: whether a camera's rendering to sRGB has bent the values.
+    tone_curve: the contrast that it put on top of sRGB's curve, which has been taken off both
+        photographs; None where none was found.
     no_flash_noise, flash_noise: the noise of each.
     registration_px: standard deviation of what the flash photograph lies beside the other; 0 where
         it was taken as it is.
@@ -64,6 +68,7 @@ class Pair:
     exposure_ratio: float
     exposure_source: str
     rendered: bool
+    tone_curve: ToneCurve | None
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
@@ -96,6 +101,13 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     if options.align:
         laid = _laid_on(no_flash.pixels, flash, progress)
     progress.report("align", 0.6)
+    tone = None
+    if rendered and not options.flash_only:
+        unusable = no_flash.unusable | laid.unusable
+        tone = find_tone_curve(no_flash.pixels, laid.pixels, unusable, written.value)
+    if tone is not None:
+        no_flash, flash, laid = tone.frame(no_flash), *_toned(tone, flash, laid)
+    progress.report("align", 0.65)
     held = _held_against(no_flash, flash, laid, written, options, progress)
     progress.report("align", 0.9)
     pair = Pair(
@@ -106,6 +118,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         exposure_ratio=held.ratio.value,
         exposure_source=held.ratio.source,
         rendered=rendered,
+        tone_curve=tone,
         no_flash_noise=held.noises[0],
         flash_noise=held.noises[1],
         alignment=laid.alignment,
@@ -153,6 +166,14 @@ def _laid_on(no_flash: Photograph, flash: Frame, progress: Progress) -> _Laid:
     pixels, unusable = warp_along(flash.pixels, flash.unusable, alignment, flow)
     parallax = float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
     return _Laid(pixels, unusable, alignment, parallax)
+
+
+def _toned(tone: ToneCurve, flash: Frame, laid: _Laid) -> tuple[Frame, _Laid]:
+    """The flash frame, and how it was laid, as light of a curve."""
+    toned = tone.frame(flash)
+    if laid.pixels is flash.pixels:
+        return toned, replace(laid, pixels=toned.pixels)
+    return toned, replace(laid, pixels=tone.photograph(laid.pixels, own=True))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ import pytest
 import tifffile
 from PIL import Image as PillowImage
 
+from pipeline.colour.curves import linear_to_srgb
+
 NIKON = ("--camera", "Nikon D5100")
 ALL = ("--outputs", "all")
 NORMALS = ("--no-align", "--lights", 3, "--outputs", "normals.exr,normals.png")
@@ -138,6 +140,34 @@ def test_a_jpeg_pair_is_separated_with_a_warning(
         content = (results.folder / name).read_bytes()
         assert b"2024:02:29" not in content
         assert b"Exif" not in content
+
+
+def test_a_cameras_contrast_is_taken_off_a_jpeg_pair(
+    scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Lamps' shadows tell it. With it in the values layers are 6 dB worse."""
+    found = scene(2, size=(1200, 800))
+    codes = np.linspace(0, 1, 256)
+    contrast = np.round(255 * (codes - 0.05 * np.sin(2 * np.pi * codes))).astype(np.uint8)
+    pair = []
+    for path in found.jpeg:
+        with PillowImage.open(path) as image:
+            shown = PillowImage.fromarray(contrast[np.asarray(image)])
+        shown.save(tmp_path / path.name, quality=95, subsampling=0)
+        pair.append(tmp_path / path.name)
+
+    results = separated(tuple(pair), "--no-align", "--lights", 2)
+
+    curve = results.manifest["tone_curve"]
+    plain = linear_to_srgb(np.array(curve["light"]))
+    seen = np.array(curve["codes"])
+    np.testing.assert_allclose(plain - 0.05 * np.sin(2 * np.pi * plain), seen, atol=0.04)
+    total = results.exr("layers.exr").reshape(-1, 3)
+    light = found.truth.layers.sum(0).reshape(-1, 3)
+    inside = (total > 0.003).all(1) & (total < 0.8).all(1)
+    to_jpeg = np.linalg.lstsq(light[inside], total[inside], rcond=None)[0]
+    truth = replace(found.truth, layers=found.truth.layers @ to_jpeg)
+    assert np.mean(results.layer_snr_db(truth)) > 19.5
 
 
 @pytest.mark.parametrize("kind", ["EXR", "16-bit TIFF"])

@@ -107,6 +107,7 @@ def pair_of() -> Callable[..., Pair]:
             "exposure_ratio": 1.0,
             "exposure_source": "option",
             "rendered": False,
+            "tone_curve": None,
             "no_flash_noise": quiet,
             "flash_noise": quiet,
             "alignment": NOT_ATTEMPTED,

@@ -20,6 +20,7 @@ from pipeline.mixes.mix import mix_basis
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.align import Alignment
 from pipeline.pair.reduced import reduce_pair
+from pipeline.pair.tone_curve import ToneCurve
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.results.manifest import Written, lamp_entries, make_manifest
 from pipeline.run_warnings import Code, RunWarning
@@ -87,6 +88,7 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["flash"] == {"name": "xenon", "source": "named", "flash_only": False}
     assert found["exposure_ratio"] == 1.0
     assert found["exposure_source"] == "option"
+    assert found["tone_curve"] is None
     assert found["moved"] == 0.0
     assert found["alignment"] == {
         "applied": False,
@@ -158,6 +160,14 @@ def test_a_flash_table_is_called_a_table(manifest_of: Callable[..., dict[str, An
 
     assert found["flash"]["name"] == "table"
     assert found["flash"]["source"] == "file"
+
+
+def test_a_contrast_that_was_taken_off_is_told(manifest_of: Callable[..., dict[str, Any]]) -> None:
+    found = manifest_of(pair_with={"tone_curve": ToneCurve(np.linspace(-1.0, 0.0, 11))})
+
+    assert found["tone_curve"]["codes"] == [round(0.1 * one, 1) for one in range(11)]
+    assert found["tone_curve"]["light"][5] == round(0.2140411 * np.exp(-0.5), 5)
+    json.dumps(found["tone_curve"])  # plain numbers
 
 
 def test_alignment_is_told_with_its_matrix(manifest_of: Callable[..., dict[str, Any]]) -> None:
