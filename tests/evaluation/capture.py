@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import io
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import tifffile
 from PIL import Image as PillowImage
+from scipy.interpolate import PchipInterpolator
 
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.colour.curves import linear_to_srgb
@@ -20,6 +22,15 @@ from tests.evaluation.scenes import WHITE_LEVEL, RenderedScene
 from tests.evaluation.spectra import reflectances, sensitivities
 
 JPEG_QUALITY = 92
+
+Contrast = Literal["none", "s-curve", "strong"]
+"""That a camera puts on top of sRGB's curve: code values moved by .05·sin 2π away from the middle;
+or middle tones twice as bright and highlights flat, as many cameras have it by default."""
+
+_STRONG = PchipInterpolator(
+    (0.0, 0.028, 0.121, 0.46, 0.859, 1.0), (0.0, 0.03, 0.232, 0.748, 0.968, 1.0)
+)
+"""Light that is shown, over light."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +78,11 @@ def capture(
     return Capture(no_flash, flash, truth, flash_part, "linear")
 
 
-def capture_jpeg(rendered: RenderedScene) -> Capture:
+def capture_jpeg(rendered: RenderedScene, contrast: Contrast = "none") -> Capture:
     """Have the camera make JPEGs: its colours brought to sRGB for daylight, then sRGB's curve.
 
-    No noise reduction, no contrast curve of its own; exposed as scenes are, for the brightest
-    channel of sRGB. What sRGB cannot hold is cut off.
+    contrast: of its own; the truth is light without it. No noise reduction; exposed as scenes
+    are, for the brightest channel of sRGB. What sRGB cannot hold is cut off.
     """
     scene = rendered.scene
     to_xyz = camera_to_xyz(
@@ -81,7 +92,7 @@ def capture_jpeg(rendered: RenderedScene) -> Capture:
     brightest = np.percentile((rendered.flash_frame @ matrix.T).max(axis=2), 99.9)
     matrix *= WHITE_LEVEL / brightest
     frames = (rendered.no_flash_frame, rendered.flash_frame)
-    no_flash, flash = (_jpeg(frame @ matrix.T) for frame in frames)
+    no_flash, flash = (_jpeg(frame @ matrix.T, contrast) for frame in frames)
     truth, flash_part = (light @ matrix.T for light in (rendered.lamps, rendered.flash))
     return Capture(no_flash, flash, truth, flash_part, "auto")
 
@@ -110,8 +121,12 @@ def _random(seed: str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8]))
 
 
-def _jpeg(linear: Image) -> bytes:
-    codes = np.round(255 * linear_to_srgb(np.clip(linear, 0, 1))).astype(np.uint8)
+def _jpeg(linear: Image, contrast: Contrast) -> bytes:
+    light = np.clip(linear, 0, 1)
+    codes = linear_to_srgb(_STRONG(light) if contrast == "strong" else light)
+    if contrast == "s-curve":
+        codes = codes - 0.05 * np.sin(2 * np.pi * codes)
+    codes = np.round(255 * codes).astype(np.uint8)
     file = io.BytesIO()
     PillowImage.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, subsampling="4:4:4")
     return file.getvalue()

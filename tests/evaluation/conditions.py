@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from tests.evaluation.capture import Sensor, capture, capture_jpeg
+import numpy as np
+
+from tests.evaluation.capture import Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
 from tests.evaluation.shots import Shot
@@ -26,6 +28,7 @@ class Condition:
     """How a scene is photographed and sent.
 
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
+    contrast: that the camera gives a JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
@@ -36,6 +39,7 @@ class Condition:
 
     size: tuple[int, int] = SIZE
     files: Literal["exact", "noisy", "jpeg"] = "exact"
+    contrast: Contrast = "none"
     exposure: float = 1.0
     motion_px: float = 0.0
     camera: str | None = None
@@ -50,7 +54,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     """Photograph a scene. Only the first time it is rendered."""
     rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
     if condition.files == "jpeg":
-        taken = capture_jpeg(rendered)
+        taken = capture_jpeg(rendered, condition.contrast)
     else:
         sensor = _SENSOR if condition.files == "noisy" else None
         taken = capture(rendered, sensor, condition.exposure)
@@ -63,7 +67,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         known = scene.camera if scene.camera in CAMERAS else table(scene.camera)
         options["camera"] = condition.camera or known
     seen = coefficients(scene.lamp_spectra, scene.camera)
-    return Shot(
+    shot = Shot(
         files=(taken.no_flash, taken.flash),
         options=options,
         lights=_told(len(scene.lamp_spectra)) if condition.lights == "told" else condition.lights,
@@ -76,6 +80,17 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         axes=axes(scene.camera),
         coefficients=None if condition.files == "jpeg" else seen,
     )
+    return shot if condition.contrast == "none" else _on_its_scale(shot)
+
+
+def _on_its_scale(shot: Shot) -> Shot:
+    """The shot with its truth as bright as the photograph, by one scale for all light.
+
+    How bright light is that a contrast has hidden is told by no file.
+    """
+    light, truth = shot.photograph[shot.valid], shot.truth.sum(axis=0)[shot.valid]
+    scale = np.float32((light * truth).sum() / np.square(truth).sum())
+    return replace(shot, truth=scale * shot.truth, flash_part=scale * shot.flash_part)
 
 
 def _told(count: int) -> Literal[1, 2, 3]:

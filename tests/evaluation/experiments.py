@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from tests.evaluation.capture import Contrast
 from tests.evaluation.conditions import Condition
 from tests.evaluation.white_balance import BALANCES
 
@@ -22,6 +23,7 @@ ALL = (
 FEW = ("equal", "paper", "paper_shared", "best", "best_3x3")
 OURS = ("best",)
 OF_CAMERAS = ("equal", "paper", "best", "known", "best_3x3")
+OF_CONTRASTS = ("equal", "best")
 WHITE = tuple(BALANCES)
 WHITE_OF_MORE = tuple(name for name in BALANCES if name != "hsu_2008")
 
@@ -42,6 +44,7 @@ def _noisy(exposure: float) -> Condition:
     return Condition(files="noisy", exposure=exposure)
 
 
+_CONTRASTS: tuple[Contrast, ...] = ("s-curve", "strong")
 _AUTO = Condition(lights="auto")
 _AUTO_NOISY = Condition(lights="auto", files="noisy")
 
@@ -73,6 +76,13 @@ EXPERIMENTS: dict[str, Experiment] = {
     "three-untold-camera": Experiment("three", FEW, Condition(camera_told=False)),
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
+    **{
+        f"{group}-jpeg-{contrast}": Experiment(
+            group, OF_CONTRASTS, Condition(files="jpeg", contrast=contrast)
+        )
+        for contrast in _CONTRASTS
+        for group in ("two", "three")
+    },
     **{
         f"cameras-{lamps}{suffix}": Experiment(f"cameras-{lamps}", methods, condition)
         for lamps in ("two", "three")

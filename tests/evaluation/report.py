@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.evaluation import tables
-from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW
+from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW, OF_CONTRASTS
 from tests.evaluation.figures import Outcome, angle, depth, four_or_more, roughness
 from tests.evaluation.goals import Failure, failures, goals
 from tests.evaluation.kept import with_kept
@@ -91,6 +91,7 @@ def _text(outcome: Outcome) -> str:
         for name in outcome.results
         if name not in (*_CLEAN, *_SWEEPS) and EXPERIMENTS[name].methods == FEW
     ]
+    contrasts = [name for name in outcome.results if EXPERIMENTS[name].condition.contrast != "none"]
     parts = [
         _HEAD.read_text(encoding="utf-8").rstrip(),
         "## What is asked of `best`",
@@ -99,6 +100,9 @@ def _text(outcome: Outcome) -> str:
         tables.markdown(tables.compared(outcome, _CLEAN, ALL)),
         "The same under other conditions, and over all scenes of the curves below.",
         tables.markdown(tables.compared(outcome, [*_SWEEPS, *compared], FEW)),
+        "JPEGs to which the camera gave a contrast of its own. The truth has one scale for all "
+        "light, the photograph's: no file tells how bright light is that a contrast has flattened.",
+        tables.markdown(tables.compared(outcome, contrasts, OF_CONTRASTS)),
         "## Other cameras\n\nMedian / worst joint SNR in dB of the same rooms by every camera: "
         "told it, untold, and from its JPEG. Failures: of how many rooms one is listed below.",
         *_cameras(outcome, short),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.decode import decode
-from tests.evaluation.capture import Sensor, capture, capture_jpeg
+from tests.evaluation.capture import Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import RenderedScene, render_scene, scenes
 
 SMALL = (64, 48)
@@ -81,3 +81,20 @@ def test_jpegs_hold_the_truth_as_nearly_as_eight_bits_can(rendered: RenderedScen
     assert np.abs(before.pixels - held).mean() < 0.05 * held.mean()
     assert abs(np.mean(before.pixels - held)) < 0.005 * held.mean()
     assert 0.85 < np.percentile(after.pixels[:].max(axis=2), 99.9) < 0.95
+
+
+@pytest.mark.parametrize(
+    ("contrast", "light", "times"), [("strong", 0.121, 1.92), ("s-curve", 0.0497, 0.65)]
+)
+def test_a_cameras_contrast_bends_what_is_shown(
+    rendered: RenderedScene, contrast: Contrast, light: float, times: float
+) -> None:
+    """A quarter of the codes is .05 darker by the S: light .0497 is shown as .0326."""
+    plain, bent = capture_jpeg(rendered), capture_jpeg(rendered, contrast)
+
+    seen, shown = (decode(shot.no_flash, "auto").pixels[:] for shot in (plain, bent))
+
+    np.testing.assert_array_equal(plain.truth, bent.truth)
+    near = np.abs(seen / light - 1) < 0.1
+    assert near.any()
+    assert np.median(shown[near] / seen[near]) == pytest.approx(times, abs=0.06)

@@ -192,6 +192,7 @@ def test_the_right_coefficients_have_no_error(
 def test_what_is_told_and_what_is_not() -> None:
     told = make_shot(scene(), SMALL)
     jpeg = make_shot(scene(), replace(SMALL, files="jpeg", lights="auto"))
+    contrast = make_shot(scene(), replace(SMALL, files="jpeg", lights="auto", contrast="strong"))
     wrong = make_shot(scene(), replace(SMALL, camera="Sigma SD1 Merrill", flash="led"))
 
     assert told.options == {
@@ -204,6 +205,9 @@ def test_what_is_told_and_what_is_not() -> None:
     assert "camera" not in jpeg.options
     assert jpeg.lights == "auto"
     assert jpeg.coefficients is None
+    assert contrast.options == jpeg.options
+    assert contrast.files != jpeg.files
+    assert contrast.photograph.sum() == pytest.approx(contrast.truth.sum(), rel=0.1)
     assert (wrong.options["camera"], wrong.options["flash_spectrum"]) == (
         "Sigma SD1 Merrill",
         "led",
