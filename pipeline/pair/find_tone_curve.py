@@ -71,7 +71,6 @@ class _Edges:
     codes: Floats64
     light: Floats64
     knots: Floats64
-    ratio: float
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def _edges(no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float
         which = which[np.linspace(0, len(which) - 1, _MOST_EDGES).astype(int)]
     codes, light = codes[:, which], light[:, which]
     places = codes[..., None] * (len(KNOTS) - 1) - np.arange(len(KNOTS))
-    return _Edges(codes, light, np.maximum(1.0 - np.abs(places), 0.0), ratio)
+    return _Edges(codes, light, np.maximum(1.0 - np.abs(places), 0.0))
 
 
 def _steps(both: Floats64, known: Mask) -> Floats64:

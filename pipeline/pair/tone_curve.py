@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
+from pipeline.compiling import exact
 from pipeline.images.coded import TableImage
 from pipeline.images.frames import Frame, Photograph
 from pipeline.images.memory import empty_image
@@ -19,6 +20,7 @@ KNOTS: Floats64 = np.linspace(0.0, 1.0, 11)
 """Code values of sRGB at which a curve is known; between them its logarithm is a line."""
 
 _ROWS = 64
+_GAINS = 1025  # evenly over roots of light, about which code values are even
 _NOISE_CODES = np.linspace(0.1, 0.95, 18)  # at which noise is brought through the curve
 _STEP = 0.01  # relative, for the slope of the curve
 
@@ -54,8 +56,11 @@ class ToneCurve:
             light = photograph
         else:
             light = empty_image(*photograph.shape)
+        roots = np.linspace(0.0, 1.0, _GAINS)
+        codes = linear_to_srgb(np.square(roots))
+        gains = np.exp(np.interp(codes, KNOTS, self.logs)).astype(np.float32)
         for rows in strips(len(photograph), _ROWS):
-            light[rows] = self.light(photograph[rows])
+            _multiply(np.ascontiguousarray(photograph[rows]), gains, light[rows])
         return light
 
     def frame(self, frame: Frame) -> Frame:
@@ -73,3 +78,17 @@ class ToneCurve:
         lines = [line_through(light[:, k], variances[:, k]) for k in range(3)]
         gain, floor = np.array(lines).T
         return Noise(gain, floor, noise.grain)
+
+
+@exact
+def _multiply(values: Floats32, gains: Floats32, out: Floats32) -> None:
+    """Values (h, W, 3) by what gains (m,) are at their roots, from 0 to 1; between two a line."""
+    zero, one, last = np.float32(0.0), np.float32(1.0), len(gains) - 1
+    for y in range(values.shape[0]):
+        for x in range(values.shape[1]):
+            for k in range(3):
+                value = values[y, x, k]
+                place = np.sqrt(min(max(value, zero), one)) * np.float32(last)
+                below = min(int(place), last - 1)
+                share = place - np.float32(below)
+                out[y, x, k] = value * (gains[below] + share * (gains[below + 1] - gains[below]))
