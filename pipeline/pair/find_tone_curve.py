@@ -54,7 +54,8 @@ _PEAKS = ((0.1, 0.25), (0.08, 0.2))
 _ROBUST_STEPS, _PEAK_STEPS = 2, 6
 _MOST_STEP = 0.2
 _INDEPENDENT = 800.0  # edges that all together count for: neighbours say the same
-_BETTER, _SURE, _UNLIKELY = 1.4, 3.0, 15.0
+_SURE, _UNLIKELY = 3.0, 15.0  # standard errors of the gain, also times its logarithm
+_LEAST_USUAL = 0.01  # of the height found
 _MOST_SHIFT = 0.4  # of the change of the lamps' light, that shadows have by sRGB's curve alone
 _PER_PRIOR = 0.03  # of a peak's height in %
 
@@ -118,9 +119,11 @@ def find_tone_curve(
     shift = float(in_peak @ apart / max(in_peak.sum(), 1e-30))
     gain = _bells(edges, found[best], _PEAKS[0]) - _bells(edges, none, _PEAKS[0])
     sure = gain.sum() / np.sqrt(np.square(gain).sum() + 1e-30)
+    times = heights[best] / max(usual, _LEAST_USUAL * heights[best])
     if (
-        heights[best] < _BETTER * usual
+        heights[best] <= max(usual, 0.0)
         or sure < _SURE
+        or sure * np.log(times) < _SURE
         or shift > _MOST_SHIFT
         or costs[best] > _UNLIKELY
         or (np.diff(srgb_to_linear(KNOTS) * np.exp(found[best])) <= 0).any()
