@@ -22,6 +22,7 @@ import pytest
 import tifffile
 from PIL import Image as PillowImage
 
+from drivers.truth import SimulatedTruth
 from pipeline.colour.curves import linear_to_srgb
 
 NIKON = ("--camera", "Nikon D5100")
@@ -113,6 +114,15 @@ def test_the_lamps_are_described(scene: Callable[..., Any], separated: Callable[
         assert lamp["confidence"] > 0.8
 
 
+def in_colours_of(results: Any, truth: SimulatedTruth) -> SimulatedTruth:
+    """The truth in a JPEG's own colours, by the matrix that its layers' sum tells."""
+    total = results.exr("layers.exr").reshape(-1, 3)
+    light = truth.layers.sum(0).reshape(-1, 3)
+    inside = (total > 0.003).all(1) & (total < 0.8).all(1)
+    to_jpeg = np.linalg.lstsq(light[inside], total[inside], rcond=None)[0]
+    return replace(truth, layers=truth.layers @ to_jpeg)
+
+
 def test_a_jpeg_pair_is_separated_with_a_warning(
     scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -128,12 +138,7 @@ def test_a_jpeg_pair_is_separated_with_a_warning(
 
     results = separated(tuple(pair), "--no-align", "--lights", 2)
 
-    total = results.exr("layers.exr").reshape(-1, 3)
-    light = found.truth.layers.sum(0).reshape(-1, 3)
-    inside = (total > 0.003).all(1) & (total < 0.8).all(1)
-    to_jpeg = np.linalg.lstsq(light[inside], total[inside], rcond=None)[0]
-    truth = replace(found.truth, layers=found.truth.layers @ to_jpeg)
-    assert np.mean(results.layer_snr_db(truth)) > 16
+    assert np.mean(results.layer_snr_db(in_colours_of(results, found.truth))) > 16
     assert results.manifest["camera"]["source"] == "stand-in"
     assert "rendered_srgb" in results.warnings()
     for name in results.files:
@@ -162,12 +167,7 @@ def test_a_cameras_contrast_is_taken_off_a_jpeg_pair(
     plain = linear_to_srgb(np.array(curve["light"]))
     seen = np.array(curve["codes"])
     np.testing.assert_allclose(plain - 0.05 * np.sin(2 * np.pi * plain), seen, atol=0.04)
-    total = results.exr("layers.exr").reshape(-1, 3)
-    light = found.truth.layers.sum(0).reshape(-1, 3)
-    inside = (total > 0.003).all(1) & (total < 0.8).all(1)
-    to_jpeg = np.linalg.lstsq(light[inside], total[inside], rcond=None)[0]
-    truth = replace(found.truth, layers=found.truth.layers @ to_jpeg)
-    assert np.mean(results.layer_snr_db(truth)) > 19.5
+    assert np.mean(results.layer_snr_db(in_colours_of(results, found.truth))) > 19.5
 
 
 @pytest.mark.parametrize("kind", ["EXR", "16-bit TIFF"])

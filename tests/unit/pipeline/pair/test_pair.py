@@ -13,11 +13,9 @@ from pipeline.errors import Canceled, OptionError
 from pipeline.images.frames import Exposure, Frame
 from pipeline.images.noise import Noise
 from pipeline.options import Options
-from pipeline.pair.align import Alignment
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.motion import find_moved
 from pipeline.pair.pair import Pair, make_pair
-from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
@@ -452,64 +450,3 @@ def test_a_flash_part_alone_does_not_tell_where_the_photograph_was_cut_off(
     part = frame(8 * light[1])
 
     assert paired((before, part), flash_only=True, align=False).white == white
-
-
-RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
-
-
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
-    """What the search for a contrast is given; it finds RISING."""
-    given: list[tuple[Any, ...]] = []
-
-    def find(*arguments: Any) -> ToneCurve:
-        given.append(arguments)
-        return RISING
-
-    monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", find)
-    return given
-
-
-@pytest.mark.parametrize("laid", [True, False])
-def test_a_contrast_that_is_found_is_taken_off_both_photographs(
-    frames: Callable[..., tuple[Frame, Frame]],
-    asked: list[tuple[Any, ...]],
-    monkeypatch: pytest.MonkeyPatch,
-    laid: bool,
-) -> None:
-    """Also off one that was laid on the other; exposures are put on one scale after it."""
-    before, after = (replace(one, encoding="srgb") for one in frames(scale=0.5))
-    seen = after.pixels[:].copy()
-    if laid:  # a copy of its own, as alignment makes it
-        shifted = Alignment(True, np.eye(3), 0.9)
-        monkeypatch.setattr("pipeline.pair.pair.estimate_alignment", lambda *_: shifted)
-        monkeypatch.setattr("pipeline.pair.pair.residual_flow", lambda *_: None)
-        monkeypatch.setattr(
-            "pipeline.pair.pair.warp", lambda pixels, mask, _: (pixels[:].copy(), mask)
-        )
-
-    pair = paired((before, after), exposure_ratio=0.5, align=laid)
-
-    assert pair.tone_curve is RISING
-    np.testing.assert_allclose(pair.no_flash[:], RISING.light(before.pixels[:]), rtol=2e-4)
-    np.testing.assert_allclose(pair.flash[:], RISING.light(seen) / 0.5, rtol=2e-4)
-    np.testing.assert_array_equal(after.pixels[:], seen)
-    assert asked[0][3] == 0.5
-
-
-@pytest.mark.parametrize(
-    ("encoding", "flash_only"), [("linear", False), ("raw", False), ("srgb", True)]
-)
-def test_a_contrast_is_looked_for_in_renderings_with_the_lamps_light_alone(
-    frames: Callable[..., tuple[Frame, Frame]],
-    asked: list[tuple[Any, ...]],
-    encoding: str,
-    flash_only: bool,
-) -> None:
-    before, after = (replace(one, encoding=encoding) for one in frames())
-
-    pair = paired((before, after), flash_only=flash_only)
-
-    assert asked == []
-    assert pair.tone_curve is None
-    np.testing.assert_array_equal(pair.no_flash[:], before.pixels[:])
