@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -31,17 +32,24 @@ def brighter(codes: Floats64) -> Floats64:
     return np.asarray(1 - (1 - codes) ** 1.5)
 
 
-def light_of(shadows: bool = True, flash: float = 0.35) -> tuple[Floats64, Floats64]:
-    """Light (H, W, 3) without and with a flash."""
+def light_of(
+    shadows: Literal["slanted", "upright", "level", "none"] = "slanted", flash: float = 0.35
+) -> tuple[Floats64, Floats64]:
+    """Light (H, W, 3) without and with a flash. shadows: how their edges run."""
     random = np.random.default_rng(3)
     width, height = SIZE
     paints = random.uniform(0.25, 0.95, (height // PATCH, width // PATCH, 3))
     paint = np.kron(paints, np.ones((PATCH, PATCH, 1)))
     y, x = np.mgrid[:height, :width]
     first, second = np.ones((2, height, width))
-    if shadows:
-        first = np.where((x + y // 2) % 66 < 30, 0.05, 1.0)
-        second = np.where((y + x // 3) % 78 < 36, 0.05, 1.0)
+    if shadows != "none":
+        along, across = {
+            "slanted": (x + y // 2, y + x // 3),
+            "upright": (x, x + 15),
+            "level": (y, y + 15),
+        }[shadows]
+        first = np.where(along % 66 < 30, 0.05, 1.0)
+        second = np.where(across % 78 < 36, 0.05, 1.0)
     lamps = first[..., None] * [0.3, 0.22, 0.12] + second[..., None] * [0.1, 0.16, 0.25]
     even = flash * (1 - 0.3 * ((x - 140) ** 2 + (y - 100) ** 2) / 3e4)[..., None]
     return paint * (lamps + 0.02), paint * (lamps + 0.02 + even)
@@ -82,12 +90,29 @@ def test_a_contrast_is_found(curve: Curve, most: float) -> None:
     assert off(found, curve) < 0.4 * off(nothing_taken_off, curve)
 
 
+@pytest.mark.parametrize("shadows", ["upright", "level"])
+def test_edges_that_run_one_way_tell_it(shadows: Literal["upright", "level"]) -> None:
+    found = find_tone_curve(*photographs(s_curve(S), light_of(shadows)), nothing(), 1.0)
+
+    assert found is not None
+    assert off(found, s_curve(S)) < 0.02
+
+
+def test_a_few_edges_are_not_enough() -> None:
+    no_flash, flash = (one[:24, :72] for one in light_of("upright"))
+
+    assert (
+        find_tone_curve(*photographs(s_curve(S), (no_flash, flash)), nothing()[:24, :72], 1.0)
+        is None
+    )
+
+
 def test_the_curve_of_srgb_alone_stays() -> None:
     assert find_tone_curve(*photographs(lambda codes: codes, light_of()), nothing(), 1.0) is None
 
 
 def test_without_shadows_nothing_tells_the_curve() -> None:
-    pair = photographs(s_curve(S), light_of(shadows=False))
+    pair = photographs(s_curve(S), light_of("none"))
 
     assert find_tone_curve(*pair, nothing(), 1.0) is None
 
