@@ -244,21 +244,27 @@ def test_a_put_goes_on_while_the_store_answers(
     assert set(looks) == {45.0}
 
 
-def test_a_put_ends_when_the_store_is_silent(
-    bucket: Storage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ended: list[str] = []
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Keys of puts that were ended; by themselves they have no end."""
+    keys: list[str] = []
 
     async def put(_store: object, key: str, _data: bytes, **_named: object) -> None:
         try:
             await asyncio.Event().wait()
         finally:
-            ended.append(key)
+            keys.append(key)
 
+    monkeypatch.setattr(obstore, "put_async", put)
+    return keys
+
+
+def test_a_put_ends_when_the_store_is_silent(
+    bucket: Storage, ended: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def check_within(seconds: float) -> None:
         raise GenericError(f"no answer within {seconds:g} s")
 
-    monkeypatch.setattr(obstore, "put_async", put)
     monkeypatch.setattr(bucket, "check_within", check_within)
     with pytest.raises(GenericError, match="no answer within 45 s"):
         bucket.put("jobs/1/1/layers.exr", b"light")
@@ -266,21 +272,12 @@ def test_a_put_ends_when_the_store_is_silent(
 
 
 def test_a_put_ends_when_it_is_wanted_no_more(
-    bucket: Storage, monkeypatch: pytest.MonkeyPatch
+    bucket: Storage, ended: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ended: list[str] = []
-
-    async def put(_store: object, key: str, _data: bytes, **_named: object) -> None:
-        try:
-            await asyncio.Event().wait()
-        finally:
-            ended.append(key)
-
     async def check_within(_seconds: float) -> None:
         await asyncio.Event().wait()
 
     monkeypatch.setattr("service.storage._CHECK_SECONDS", 0.0)
-    monkeypatch.setattr(obstore, "put_async", put)
     monkeypatch.setattr(bucket, "check_within", check_within)
     with pytest.raises(InterruptedError):
         bucket.put("a", b"light", check=raising(InterruptedError()))
