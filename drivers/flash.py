@@ -56,8 +56,8 @@ def check_flash_order(order: str) -> None:
 class Flash(ABC):
     """Something that switches the flash.
 
-    brightness: tells how bright a photograph is, on any scale, to check the pair by where the
-    camera does not know of the flash; None where its EXIF must tell.
+    brightness: tells how bright a photograph is, linear, 1 where it is white, to check the pair by
+    where the camera does not know of the flash; None where its EXIF must tell.
     """
 
     brightness: Callable[[bytes], float] | None = None

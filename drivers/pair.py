@@ -12,6 +12,9 @@ from drivers.shot import Shot
 BRIGHTER = 1.02
 """How much brighter the flash makes a photograph at least, where EXIF does not tell of it."""
 
+NOISE = 1e-4
+"""By how much at least, where 1 is white: noise in the dark does less."""
+
 
 @dataclass(frozen=True)
 class CapturedPair:
@@ -38,8 +41,8 @@ class CapturedPair:
 def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> None:
     """Check that the flash alone differs.
 
-    brightness: tells how bright a photograph is, on any scale, for a flash that the camera does
-    not know of. Raises PairVerificationError, NoFlashError.
+    brightness: tells how bright a photograph is, linear, 1 where it is white, for a flash that
+    the camera does not know of. Raises PairVerificationError, NoFlashError.
     """
     if pair.no_flash.files.keys() != pair.flash.files.keys():
         raise PairVerificationError(
@@ -61,13 +64,29 @@ def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> N
                 f"The two photographs differ in {name} ({first} and {second}): set the camera to "
                 "manual exposure and take the pair again."
             )
-    if not with_flash.flash_fired and not _is_lit(pair, brightness):
+    if with_flash.flash_fired:
+        return
+    if brightness is None:
         raise NoFlashError(
             "The flash did not fire: put it up, let it charge and take the pair again."
         )
+    _require_lit(brightness(pair.no_flash.best), brightness(pair.flash.best))
 
 
-def _is_lit(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> bool:
-    if brightness is None:
-        return False
-    return brightness(pair.flash.best) > BRIGHTER * brightness(pair.no_flash.best)
+def _require_lit(without: float, with_flash: float) -> None:
+    if _is_brighter(with_flash, without):
+        return
+    if _is_brighter(without, with_flash):
+        raise NoFlashError(
+            "The photograph that was to be without the flash is the brighter one: check whether "
+            "on and off of the flash are swapped, or other light has changed, and take the pair "
+            "again."
+        )
+    raise NoFlashError(
+        "The flash did not fire, or fired in both photographs: check it, its switch and the lens "
+        "cap, let it charge and take the pair again."
+    )
+
+
+def _is_brighter(one: float, other: float) -> bool:
+    return one > BRIGHTER * other and one > other + NOISE

@@ -79,7 +79,7 @@ def adjust(task: Task, tell: Tell) -> None:
 
 
 def brightness(photograph: bytes) -> float:
-    """Tell how bright a photograph is, on a linear scale."""
+    """Tell how bright a photograph is in the mean, linear, 1 where it is white."""
     return float(decode(photograph).pixels[:].mean())
 
 

@@ -31,7 +31,7 @@ from drivers.ptp.camera import PtpCamera
 from drivers.shot import SETTLE_S
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
-from drivers.sim.body import Body
+from drivers.sim.body import Body, FlashSwitch
 from tests.unit.drivers.fake_camera import NO_FLASH, FakeCamera
 
 
@@ -57,7 +57,7 @@ def brightness(photograph: bytes) -> float:
 
     decoded = cv2.imdecode(np.frombuffer(photograph, np.uint8), cv2.IMREAD_COLOR)
     assert decoded is not None
-    return float(decoded.mean())
+    return float(decoded.mean()) / 255
 
 
 def test_a_camera_without_a_switch_says_so_before_the_first_photograph(clock: Clock) -> None:
@@ -91,12 +91,46 @@ def test_nobody_at_the_camera_ends_the_capture(clock: Clock) -> None:
     assert studio.camera.objects() == {1}
 
 
-def test_a_flash_that_lights_nothing_is_noticed(clock: Clock) -> None:
+@pytest.mark.parametrize("switch", ["off", "external"])
+def test_a_flash_that_lights_nothing_or_both_is_noticed(clock: Clock, switch: FlashSwitch) -> None:
     studio = Studio(clock, "switchless")
-    studio.body.flash = "off"
+    studio.body.flash = switch
     flash = OperatorFlash(lambda _request, _timeout_s: True, brightness)
-    with pytest.raises(NoFlashError, match="did not fire"):
+    with pytest.raises(NoFlashError, match="did not fire, or fired in both photographs: check it,"):
         capture_pair(studio.camera, clock=clock, flash=flash)
+
+
+def test_a_flash_that_is_on_when_told_off_is_told_from_a_dead_one(clock: Clock) -> None:
+    studio = Studio(clock, "switchless")
+
+    def swapped(request: str, _timeout_s: float) -> bool:
+        studio.body.flash = "off" if " on," in request else "external"
+        return True
+
+    with pytest.raises(
+        NoFlashError, match="without the flash is the brighter one: check whether on and off of"
+    ):
+        capture_pair(studio.camera, clock=clock, flash=OperatorFlash(swapped, brightness))
+
+
+@pytest.mark.parametrize(
+    ("without", "with_flash", "lit"),
+    [
+        (0.2, 0.203, False),  # by 2 % and no less
+        (0.2, 0.205, True),
+        (0.0, 0.0002, True),
+        (1e-7, 4e-7, False),  # noise of a capped lens
+        (-5e-7, -1e-7, False),
+    ],
+)
+def test_a_photograph_is_lit_that_is_brighter_by_more_than_noise(
+    clock: Clock, without: float, with_flash: float, lit: bool
+) -> None:
+    brightnesses = [without, with_flash] * 2
+    flash = OperatorFlash(lambda _request, _timeout_s: True, lambda _: brightnesses.pop(0))
+    camera = FakeCamera(shots=[{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}] * 2)
+    with contextlib.nullcontext() if lit else pytest.raises(NoFlashError, match="fired in both"):
+        capture_pair(camera, clock=clock, flash=flash)
 
 
 class Relay(http.server.BaseHTTPRequestHandler):
@@ -262,7 +296,7 @@ ORDERS = ["/turn=off", "/turn=on", "/turn=off"]
 
 def taken(clock: Clock, camera: FakeCamera, url: str) -> CapturedPair:
     """A pair whose flash the camera does not know of, and which is there in its photographs."""
-    brightness = iter((2.0, 1.0))
+    brightness = iter((0.1, 0.2))
     flash = ExternalFlash(url + "/turn={state}", lambda _: next(brightness), settle_s=2)
     return capture_pair(camera, clock=clock, flash=flash)
 
