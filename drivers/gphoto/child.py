@@ -148,20 +148,30 @@ class Calls:
         """One setting."""
         widget = self._widget(name)
         choices: tuple[SettingValue, ...] = ()
-        if widget.get_type() in (gp.GP_WIDGET_RADIO, gp.GP_WIDGET_MENU):
+        if _is_list(widget):
             choices = tuple(names.decode(name, text) for text in widget.get_choices())
         value = names.decode(name, str(widget.get_value()))
         return Setting(name, value, choices, not widget.get_readonly())
 
     def write(self, name: SettingName, value: SettingValue) -> None:
-        """Set one setting to the choice that means the value."""
+        """Set one setting to the choice that means the value, or to the value itself."""
         widget = self._widget(name)
         require_writable(name, value, not widget.get_readonly())
-        texts = [text for text in widget.get_choices() if names.decode(name, text) == value]
-        if not texts:
-            offered = (names.decode(name, text) for text in widget.get_choices())
-            raise not_offered(name, value, offered)
-        widget.set_value(texts[0])
+        if _is_list(widget):
+            texts = [text for text in widget.get_choices() if names.decode(name, text) == value]
+            if not texts:
+                offered = (names.decode(name, text) for text in widget.get_choices())
+                raise not_offered(name, value, offered)
+            widget.set_value(texts[0])
+        elif names.decode(name, str(widget.get_value())) == value:
+            return  # what else may be written is not known
+        elif widget.get_type() == gp.GP_WIDGET_RANGE and not isinstance(value, str):
+            widget.set_value(float(value))
+        else:
+            raise SettingError(
+                f"libgphoto2 does not say what {name} may be: set it to {value} on the camera "
+                "itself."
+            )
         with self._not_gone():
             self._camera.set_single_config(widget.get_name(), widget)
 
@@ -242,6 +252,10 @@ class Calls:
         path = next(path for path, known in self._handles.items() if known == handle)
         folder, _, name = path.rpartition("/")
         return folder or ROOT, name
+
+
+def _is_list(widget: Any) -> bool:
+    return widget.get_type() in (gp.GP_WIDGET_RADIO, gp.GP_WIDGET_MENU)
 
 
 def explain(error: gp.GPhoto2Error, method: str) -> DriverError:

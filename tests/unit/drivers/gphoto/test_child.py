@@ -21,7 +21,7 @@ from drivers.errors import (
 
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
 BAD_PARAMETERS, NOT_SUPPORTED, IO, BUSY = -2, -6, -7, -110
-FREE, RADIO = 64, 5
+FREE, TEXT, RANGE, RADIO = 64, 2, 3, 5
 IMAGE, TRIGGER, DELETE = 1, 32, 2
 
 Store = SimpleNamespace
@@ -156,6 +156,7 @@ def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         GP_OPERATION_TRIGGER_CAPTURE=TRIGGER,
         GP_WIDGET_RADIO=RADIO,
         GP_WIDGET_MENU=RADIO + 1,
+        GP_WIDGET_RANGE=RANGE,
         GP_EVENT_TIMEOUT=TIMEOUT,
         GP_EVENT_FILE_ADDED=FILE_ADDED,
         GP_EVENT_CAPTURE_COMPLETE=CAPTURE_COMPLETE,
@@ -195,6 +196,50 @@ def test_a_value_that_the_camera_lacks_is_refused_with_those_that_can_be_written
     with pytest.raises(SettingError) as raised:
         calls.write(SettingName.SHUTTER_S, 3)
     assert str(raised.value) == ("The camera offers no shutter_s of 3; it offers 0.02, 0.1, Bulb.")
+
+
+class Free(Widget):
+    """A setting that lists no choices. value: a number for a range, as libgphoto2 has it."""
+
+    def __init__(self, kind: int, value: Any) -> None:
+        super().__init__(value)
+        self.kind = kind
+
+    def get_type(self) -> int:
+        return self.kind
+
+    def get_choices(self) -> tuple[str, ...]:
+        raise LibraryError(BAD_PARAMETERS)
+
+
+@pytest.mark.parametrize(
+    ("widget", "value", "written"),
+    [
+        (Free(RANGE, 100.0), 250, [250.0]),
+        (Free(RANGE, 100.0), 100, []),
+        (Free(TEXT, "100"), 100, []),
+        (Free(TEXT, "100"), 250, None),
+        (Free(RANGE, 100.0), "auto", None),
+    ],
+)
+def test_a_setting_without_a_list_is_written_by_number_where_it_does_not_stand_right(
+    calls: Any,
+    device: Device,
+    monkeypatch: pytest.MonkeyPatch,
+    widget: Free,
+    value: Any,
+    written: list[float] | None,
+) -> None:
+    noted: list[Any] = []
+    monkeypatch.setattr(device, "get_single_config", lambda _: Free(widget.kind, widget.value))
+    monkeypatch.setattr(device, "set_single_config", lambda _, set_to: noted.append(set_to.value))
+    assert calls.read(SettingName.ISO).value == 100
+    if written is None:
+        with pytest.raises(SettingError, match=f"what iso may be: set it to {value} on the camera"):
+            calls.write(SettingName.ISO, value)
+    else:
+        calls.write(SettingName.ISO, value)
+    assert noted == (written or [])
 
 
 def test_a_file_is_described_with_the_card_that_it_is_on(calls: Any) -> None:
