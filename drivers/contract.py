@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.camera import Setting, SettingName, SettingValue
+from drivers.camera import Setting, SettingName, SettingValue, meant
 from drivers.errors import SettingError, TransferError
 
 MOST_EVENTS = 1000
@@ -21,8 +21,11 @@ def require_writable(name: SettingName, value: SettingValue, writable: bool) -> 
 
 
 def require_kept(told: SettingValue, setting: Setting) -> None:
-    """Raise SettingError where a setting reads back otherwise than the camera was told."""
-    if setting.value != told:
+    """Raise SettingError where a setting reads back otherwise than the camera was told.
+
+    Times are rounded, also by cameras that do not say to which.
+    """
+    if meant(setting.name, told, (setting.value,)) != setting.value:
         raise SettingError(
             f"The camera was told to set {setting.name} to {told} but kept {setting.value}: check "
             "its dials and try again."

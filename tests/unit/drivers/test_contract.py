@@ -17,6 +17,13 @@ def test_a_setting_reads_back_as_it_was_told() -> None:
         contract.require_kept(200, Setting(SettingName.ISO, 100, (), True))
 
 
+@pytest.mark.parametrize(("told", "kept"), [(1 / 60, 0.0166), (0.0167, 0.0166), (1 / 640, 0.0015)])
+def test_a_time_may_read_back_as_cameras_round_it(told: float, kept: float) -> None:
+    contract.require_kept(told, Setting(SettingName.SHUTTER_S, kept, (), True))
+    with pytest.raises(SettingError, match="told to set shutter_s to"):
+        contract.require_kept(told, Setting(SettingName.SHUTTER_S, 0.8 * kept, (), True))
+
+
 def test_a_file_has_the_size_that_there_is_room_for() -> None:
     contract.require_size(3, None)
     contract.require_size(3, memoryview(bytearray(3)))

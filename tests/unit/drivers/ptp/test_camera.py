@@ -258,6 +258,20 @@ def test_times_are_taken_as_the_camera_rounds_them(
     assert current == [number]
 
 
+def test_a_camera_that_offers_no_times_may_round_all_the_same(clock: Clock) -> None:
+    current = [200]
+
+    def described(data: bytes) -> bytes:
+        rounded = 166 if current[0] == 167 else current[0]
+        plain = PropertyDescription.decode(data)
+        return replace(plain, form=Form.NONE, values=(), current=rounded).encode()
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: described})
+    camera._session.request = _noting(camera._session.request, current)  # type: ignore[method-assign]
+    assert camera.write(SettingName.SHUTTER_S, 1 / 60).value == 0.0166
+    assert current == [167]
+
+
 def _noting(request: Callable[..., Any], current: list[int]) -> Callable[..., Any]:
     """Note what is set in place of setting it, as the body offers other values."""
 
