@@ -39,7 +39,9 @@ class Codec:
             if not isfinite(size):
                 raise ValueError("not finite")
             return round(size)
-        return int(str(value), 16)
+        if not isinstance(value, str):  # 16 is none of the numbers, which are told as 0x0010
+            raise ValueError("no name")
+        return int(value, 16)
 
 
 CODECS = {

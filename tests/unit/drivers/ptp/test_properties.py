@@ -71,8 +71,10 @@ def test_every_setting_has_a_property_of_its_own() -> None:
         (SettingName.PROGRAM, ""),
         (SettingName.ISO, "inf"),
         (SettingName.SHUTTER_S, float("nan")),
+        (SettingName.FORMAT, 16),
+        (SettingName.WHITE_BALANCE, 4),
     ],
 )
 def test_values_that_do_not_exist_are_refused(name: SettingName, value: SettingValue) -> None:
-    with pytest.raises(ValueError, match=r"could not convert|invalid literal|not finite"):
+    with pytest.raises(ValueError, match=r"could not convert|invalid literal|not finite|no name"):
         CODECS[name].encode(value)
