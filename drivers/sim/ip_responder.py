@@ -47,8 +47,9 @@ class IpResponder:
         self.body, self.model = body, body.model.model
         self._guid = secrets.token_bytes(GUID_BYTES)
         try:
+            host.encode("idna")  # as sockets do, whose own error would be a TypeError
             self._listener = socket.create_server((host, port))
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, UnicodeError) as error:
             raise BadAddressError(
                 f"The simulated camera cannot listen on {host}:{port}: choose another --port or "
                 "--host."
