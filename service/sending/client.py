@@ -64,13 +64,19 @@ class Client:
     def __init__(self, url: str, key: str | None = None) -> None:
         """Talk to the service at a URL, like http://127.0.0.1:8000. Raises OptionError.
 
-        key: sent with every request.
+        key: sent with every request. A user and password in the URL go to a proxy before it.
         """
         if not _is_address(url):
             raise OptionError(
                 f"{url[:80]!r} is no address of a service: write one like http://127.0.0.1:8000."
             )
-        self._url = url
+        place = httpx.URL(url)
+        if key and place.userinfo:  # both are the header Authorization
+            raise OptionError(
+                "A user and password in the address of the service take the place of the key, "
+                "which would not be sent: leave one of them out."
+            )
+        self._place = str(place.copy_with(userinfo=b""))  # what is told gets into logs
         self._http = httpx.Client(
             base_url=url,
             headers={"Authorization": f"Bearer {key}"} if key else {},
@@ -228,7 +234,7 @@ class Client:
                 yield response
         except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
             away = ServiceAwayError(
-                f"The service at {self._url} does not answer: start it, or check its address."
+                f"The service at {self._place} does not answer: start it, or check its address."
             )
             away.passes = True
             raise away from error

@@ -18,6 +18,7 @@ from pipeline.options import Options
 from service.api.context import Context
 from service.rows import database, jobs
 from service.sending.client import Client, Job, RefusedError, ServiceAwayError
+from tests.ports import free_port
 from tests.unit.service.asking import bearing, rows_of
 
 Png = Callable[..., bytes]
@@ -476,3 +477,17 @@ def test_a_service_that_sends_on_to_no_hosts_name_is_away(client: Client) -> Non
 def test_only_addresses_of_services_are_taken(url: str) -> None:
     with pytest.raises(OptionError, match="no address of a service"):
         Client(url)
+
+
+def test_a_password_of_an_address_is_told_to_nobody() -> None:
+    port = free_port()
+    client = Client(f"http://studio:secret@127.0.0.1:{port}/api")
+    with pytest.raises(ServiceAwayError) as raised:
+        client.check_ready()
+    place = f"http://127.0.0.1:{port}/api"
+    assert str(raised.value).startswith(f"The service at {place} does not answer: start it")
+
+
+def test_a_key_is_not_given_up_for_a_password() -> None:
+    with pytest.raises(OptionError, match="take the place of the key, which would not be sent"):
+        Client("http://studio:secret@127.0.0.1", "ll_key")
