@@ -27,8 +27,24 @@ _READY = (
 
 _RELEASES = (Operation.INITIATE_CAPTURE, Operation.NIKON_CAPTURE_TO_CARD)
 _UNREASONED = (Response.GENERAL_ERROR, Response.ACCESS_DENIED)
+_OF_SETTINGS = (
+    Operation.GET_DEVICE_PROP_DESC,
+    Operation.GET_DEVICE_PROP_VALUE,
+    Operation.SET_DEVICE_PROP_VALUE,
+)
+_KEEPS = (  # what a camera says of a setting that it has, but in another mode alone
+    Response.GENERAL_ERROR,
+    Response.OPERATION_NOT_SUPPORTED,
+    Response.PARAMETER_NOT_SUPPORTED,
+    Response.ACCESS_DENIED,
+    Response.INVALID_PARAMETER,
+    Response.NIKON_SET_NOT_SUPPORTED,
+)
 
 _NO_CARD = "The camera has no memory card it can write to: insert one and try again."
+_NO_TIME = (
+    "The camera's exposure time stands on bulb or time: set one in seconds and take the pair again."
+)
 _REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
 
 _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
@@ -60,9 +76,12 @@ _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
     ),
     Response.INVALID_PROP_VALUE: (SettingError, _REFUSED_VALUE),
     Response.INVALID_PROP_FORMAT: (SettingError, _REFUSED_VALUE),
-    Response.ACCESS_DENIED: (
+    Response.NIKON_BULB: (SettingError, _NO_TIME),
+    Response.NIKON_TIME: (SettingError, _NO_TIME),
+    Response.NIKON_MIRROR_UP: (
         SettingError,
-        "The camera keeps a setting to itself: change it on the camera.",
+        "The camera's release stands on raising the mirror first: set it to single frames and try "
+        "again.",
     ),
     Response.DEVICE_PROP_NOT_SUPPORTED: (
         SettingError,
@@ -187,6 +206,8 @@ def _refusal(operation: Operation, code: int) -> DriverError:
             "The camera did not release and does not say why: check focus, card and flash and try "
             "again."
         )
+    if operation in _OF_SETTINGS and code in _KEEPS:
+        return SettingError("The camera keeps a setting to itself: change it on the camera.")
     if code in _REFUSALS:
         kind, sentence = _REFUSALS[code]
         return kind(sentence)

@@ -82,7 +82,10 @@ def test_a_camera_that_offers_no_release_is_refused_with_another_way(clock: Cloc
     )
 
 
-@pytest.mark.parametrize("refusal", [Response.ACCESS_DENIED, Response.DEVICE_PROP_NOT_SUPPORTED])
+@pytest.mark.parametrize(
+    "refusal",
+    [Response.ACCESS_DENIED, Response.DEVICE_PROP_NOT_SUPPORTED, Response.GENERAL_ERROR],
+)
 def test_a_camera_that_keeps_its_charge_to_itself_tells_the_rest(
     clock: Clock, refusal: Response, monkeypatch: pytest.MonkeyPatch
 ) -> None:

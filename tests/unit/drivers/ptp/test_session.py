@@ -134,6 +134,9 @@ def test_data_twice_are_refused(clock: Clock) -> None:
         (Response.INVALID_STORAGE_ID, StoreFullError, "no memory card"),
         (Response.STORE_READ_ONLY, StoreFullError, "is write-protected: move its switch"),
         (Response.NIKON_OUT_OF_FOCUS, FocusError, "could not focus"),
+        (0xA008, SettingError, "stands on bulb or time: set one in seconds"),
+        (0xA204, SettingError, "stands on bulb or time: set one in seconds"),
+        (0xA009, SettingError, "raising the mirror first: set it to single frames"),
         (Response.INCOMPLETE_TRANSFER, TransferError, "broke off"),
         (Response.INVALID_OBJECT_HANDLE, TransferError, "no longer on the camera's card"),
         (Response.INVALID_PROP_VALUE, SettingError, "refused the value"),
@@ -156,17 +159,25 @@ def test_refusals_become_errors_of_their_kind(
 
 
 @pytest.mark.parametrize(
-    ("code", "error", "sentence"),
+    "operation",
     [
-        (Response.ACCESS_DENIED, SettingError, "keeps a setting to itself"),
-        (Response.GENERAL_ERROR, ProtocolError, "SET_DEVICE_PROP_VALUE with the response 0x2002"),
+        Operation.GET_DEVICE_PROP_DESC,
+        Operation.GET_DEVICE_PROP_VALUE,
+        Operation.SET_DEVICE_PROP_VALUE,
     ],
 )
-def test_what_is_refused_without_a_reason_is_said_by_what_was_asked(
-    clock: Clock, code: int, error: type[DriverError], sentence: str
+@pytest.mark.parametrize("code", [0x2002, 0x2005, 0x2006, 0x200F, 0x201D, 0xA005])
+def test_a_setting_that_is_refused_without_a_reason_is_kept_by_the_camera(
+    clock: Clock, operation: Operation, code: int
 ) -> None:
     session, _ = opened(clock, response(1, code))
-    with pytest.raises(error, match=sentence):
+    with pytest.raises(SettingError, match="keeps a setting to itself"):
+        session.request(operation, 0x500C)
+
+
+def test_a_session_that_is_lost_is_no_matter_of_settings(clock: Clock) -> None:
+    session, _ = opened(clock, response(1, Response.SESSION_NOT_OPEN))
+    with pytest.raises(ProtocolError, match="SET_DEVICE_PROP_VALUE with the response 0x2003"):
         session.request(Operation.SET_DEVICE_PROP_VALUE, 0x500C, data=b"\2\0")
 
 
