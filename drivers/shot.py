@@ -39,7 +39,7 @@ _BUSY_PAUSES_S = (0.05, 0.1, *[0.2] * 39)  # charging a flash takes long; 8 s
 _UNTOLD_S = 30.0  # of an exposure, where the camera does not tell
 _LONGEST_S = 3600.0  # what is longer is no time: bulb is told as five days
 _LONG_S = 1.0  # from here on cameras may take a dark photograph of equal time, against noise
-_NOISE_REDUCTION = ", switch the camera's noise reduction of long exposures off"
+_NOISE_REDUCTION = " and noise reduction of long exposures"
 _PREFERRED = (*RAW_KINDS, "jpeg")
 
 CaptureProgress = Callable[[str, float], None]
@@ -97,7 +97,8 @@ def take_shot(
     if not photographs:
         raise CaptureError(
             f"The camera released, but no photograph reached its card in {round(patience_s, 1):g} "
-            f"s: check the card{_NOISE_REDUCTION if long else ''} and try again."
+            f"s: check the card, switch the camera's self-timer{_NOISE_REDUCTION if long else ''} "
+            "off and try again."
         )
     total = max(1, sum(item.size for item in photographs))  # a camera may say 0 bytes
     files: dict[str, bytes] = {}

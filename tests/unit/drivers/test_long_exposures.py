@@ -69,12 +69,12 @@ def test_a_photograph_is_waited_for_as_long_as_it_can_take(
 @pytest.mark.parametrize(
     ("exposure", "patience_s", "advice"),
     [
-        (0.5, 5.5, "check the card and try again."),
+        (0.5, 5.5, "check the card, switch the camera's self-timer off and try again."),
         (
             60,
             125,
-            "check the card, switch the camera's noise reduction of long exposures off and try "
-            "again.",
+            "check the card, switch the camera's self-timer and noise reduction of long exposures "
+            "off and try again.",
         ),
     ],
 )
