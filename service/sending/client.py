@@ -229,6 +229,8 @@ class Client:
     def _request(self, method: str, path: str, **arguments: Any) -> Iterator[httpx.Response]:
         try:
             with self._http.stream(method, path, **arguments) as response:
+                if response.request.method != method:  # as 301 makes a GET of a POST
+                    raise self._moved(response, path)
                 if response.is_error:
                     raise _refusal(response)
                 yield response
@@ -238,6 +240,13 @@ class Client:
             )
             away.passes = True
             raise away from error
+
+    def _moved(self, response: httpx.Response, path: str) -> ServiceAwayError:
+        there = str(response.url.copy_with(userinfo=b"", query=None)).removesuffix(path)
+        return ServiceAwayError(
+            f"The service at {self._place} sends requests on to {there}: give that address, if it "
+            "is the service's."
+        )
 
 
 def _is_address(url: str) -> bool:

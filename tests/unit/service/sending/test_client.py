@@ -13,12 +13,10 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from pipeline.errors import OptionError
 from pipeline.options import Options
 from service.api.context import Context
 from service.rows import database, jobs
 from service.sending.client import Client, Job, RefusedError, ServiceAwayError
-from tests.ports import free_port
 from tests.unit.service.asking import bearing, rows_of
 
 Png = Callable[..., bytes]
@@ -446,48 +444,3 @@ def _server(status: int, body: bytes) -> Iterator[str]:
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
         thread.join()
-
-
-def test_a_service_that_sends_on_to_no_hosts_name_is_away(client: Client) -> None:
-    def send_on(_request: httpx.Request) -> httpx.Response:
-        return httpx.Response(307, headers={"location": "http://a..b/jobs"})
-
-    mounts = {"all://service": httpx.MockTransport(send_on)}
-    client._http = httpx.Client(base_url="http://service", mounts=mounts, follow_redirects=True)
-    with pytest.raises(ServiceAwayError, match="does not answer: start it, or check its address"):
-        client.check_ready()
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "",
-        "localhost:8000",
-        "file:///etc",
-        "http://",
-        "http:///jobs",
-        "http://localhost:abc",
-        "http://[::1",
-        "http://é..",
-        "http://a..b",
-        f"http://{'a' * 64}.example",
-        f"http://{'a/' * 40000}",
-    ],
-)
-def test_only_addresses_of_services_are_taken(url: str) -> None:
-    with pytest.raises(OptionError, match="no address of a service"):
-        Client(url)
-
-
-def test_a_password_of_an_address_is_told_to_nobody() -> None:
-    port = free_port()
-    client = Client(f"http://studio:secret@127.0.0.1:{port}/api")
-    with pytest.raises(ServiceAwayError) as raised:
-        client.check_ready()
-    place = f"http://127.0.0.1:{port}/api"
-    assert str(raised.value).startswith(f"The service at {place} does not answer: start it")
-
-
-def test_a_key_is_not_given_up_for_a_password() -> None:
-    with pytest.raises(OptionError, match="take the place of the key, which would not be sent"):
-        Client("http://studio:secret@127.0.0.1", "ll_key")
