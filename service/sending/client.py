@@ -235,6 +235,12 @@ class Client:
                     raise _refusal(response)
                 yield response
         except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
+            if "CERTIFICATE_VERIFY_FAILED" in str(error):
+                raise ServiceAwayError(
+                    f"The certificate of the service at {self._place} is none that this computer "
+                    "trusts for it: check the address and this computer's clock, or have it "
+                    "trusted (SSL_CERT_FILE)."
+                ) from error
             away = ServiceAwayError(
                 f"The service at {self._place} does not answer: start it, or check its address."
             )

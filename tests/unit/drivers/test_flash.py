@@ -12,14 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from drivers.camera import Setting, SettingName
 from drivers.capture import capture_pair
@@ -32,6 +27,7 @@ from drivers.shot import SETTLE_S
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
 from drivers.sim.body import Body, FlashSwitch
+from tests.certificates import self_signed
 from tests.unit.drivers.fake_camera import NO_FLASH, FakeCamera
 
 
@@ -269,15 +265,8 @@ def test_a_relay_whose_answer_does_not_end_is_an_error(
 def test_a_certificate_that_nobody_vouches_for_is_told_as_such(
     clock: Clock, tmp_path: Path
 ) -> None:
-    key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "relay")])
-    today = datetime.now(UTC)
-    made = x509.CertificateBuilder(name, name, key.public_key(), 1, today, today + timedelta(1))
     certificate = tmp_path / "certificate"
-    certificate.write_bytes(
-        key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-        + made.sign(key, SHA256()).public_bytes(Encoding.PEM)
-    )
+    certificate.write_bytes(self_signed("relay"))
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)
     with http.server.HTTPServer(("127.0.0.1", 0), Relay) as server:

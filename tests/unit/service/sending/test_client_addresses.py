@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import socketserver
+import ssl
+import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import httpx
 import pytest
 
 from pipeline.errors import OptionError
 from service.sending.client import Client, ServiceAwayError
+from tests.certificates import self_signed
 from tests.ports import free_port
 
 
@@ -28,6 +33,25 @@ def test_a_service_that_sends_on_to_no_hosts_name_is_away(client: Client) -> Non
     client._http = httpx.Client(base_url="http://service", mounts=mounts, follow_redirects=True)
     with pytest.raises(ServiceAwayError, match="does not answer: start it, or check its address"):
         client.check_ready()
+
+
+def test_a_certificate_that_nobody_vouches_for_is_told_as_such(tmp_path: Path) -> None:
+    certificate = tmp_path / "certificate"
+    certificate.write_bytes(self_signed("service"))
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    with socketserver.TCPServer(("127.0.0.1", 0), socketserver.StreamRequestHandler) as server:
+        server.socket = context.wrap_socket(server.socket, server_side=True)
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        place = f"https://127.0.0.1:{server.server_address[1]}"
+        with pytest.raises(
+            ServiceAwayError, match=f"service at {place} is none that this computer trusts for it"
+        ) as raised:
+            Client(place).check_ready()
+        server.shutdown()
+        thread.join()
+    assert not raised.value.passes
 
 
 @pytest.mark.parametrize("use", [_begin_upload, _submit_uploads])
