@@ -16,6 +16,7 @@ from pipeline.decode.dng_jxl import described, uncompressed
 from pipeline.decode.dng_layout import refuse_laid_out
 from pipeline.decode.dng_levels import Levels, dng_levels
 from pipeline.decode.dng_linear import scaled
+from pipeline.decode.dng_matrix import dng_matrix
 from pipeline.decode.dng_values import refuse_misread
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -24,7 +25,6 @@ from pipeline.decode.samples import Samples, UnsuitableError, refuse_grey
 from pipeline.decode.saturation import RAW_CLIP, saturation
 from pipeline.decode.tiff import (
     black_repeats,
-    dng_matrix,
     exceeds_white,
     in_planes,
     linear_raw_channels,

@@ -22,7 +22,6 @@ from pipeline.decode.samples import (
     to_rgb,
     transparent,
 )
-from pipeline.images.frames import Matrix
 from pipeline.images.max_pixels import max_pixels
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -36,9 +35,6 @@ _NO_SENSOR = (0, 3, 4, _CMYK, 8, 9, 10, 32844, 32845)
 _SIGNED, FLOATS = 2, 3
 WHITE_LEVEL = 50717
 _DNG_VERSION = 50706
-_COLOR_MATRICES = ((50721, 50778), (50722, 50779))
-"""Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
-_D65 = 21
 BLACK_REPEATS = 50713
 ACTIVE_AREA = 50829
 LOSSY_JPEG = 34892
@@ -156,30 +152,6 @@ def tiff_tags(data: bytes) -> dict[str, Tag]:
             for name, value in exif.items() if isinstance(exif, dict) else ():
                 found[f"EXIF {_NAMES.get(name, name)}"] = _tag(name, value)
     return found
-
-
-def dng_matrix(data: bytes) -> Matrix | None:
-    """Matrix (3, 3) from CIE XYZ to camera RGB that a DNG gives for daylight, else what it gives.
-
-    ColorMatrix1 and 2 of the DNG specification 1.4. None for another file, or one without. Not
-    checked: an entry may be infinite or no number.
-    """
-    try:
-        with _opened(data) as file:
-            tags = file.pages.first.tags
-            found = {
-                tags.valueof(light): tags.valueof(matrix)
-                for matrix, light in _COLOR_MATRICES
-                if matrix in tags
-            }
-    except Exception:  # not a TIFF, or one that only LibRaw understands
-        return None
-    values = found.get(_D65, list(found.values())[-1] if found else None)
-    if values is None or len(values) != 18:
-        return None
-    rationals = np.array(values, dtype=np.float64).reshape(9, 2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
 
 
 def names_crop(data: bytes) -> bool:

@@ -17,7 +17,6 @@ from pipeline.arrays import Floats64
 from pipeline.decode import decode, read_header
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.raw import preview_metadata
-from pipeline.decode.tiff import dng_matrix
 from pipeline.errors import UnreadableImageError
 from pipeline.spectra.cameras import find_camera
 
@@ -202,24 +201,6 @@ def test_a_raw_file_without_preview_has_no_facts(dng_file: Callable[..., bytes])
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "expected"), [(17, 21, 2.0), (21, 17, 1.0), (17, 23, 2.0), (21, None, 1.0)]
-)
-def test_the_daylight_matrix_is_taken(
-    dng_file: Callable[..., bytes], first: int, second: int | None, expected: float
-) -> None:
-    def matrix(value: int) -> list[int]:
-        return [part for i in range(9) for part in (value * (i % 4 == 0), 1)]
-
-    tags = [(50721, "2i", 9, matrix(1)), (50778, "H", 1, first)]
-    if second is not None:
-        tags += [(50722, "2i", 9, matrix(2)), (50779, "H", 1, second)]
-
-    found = dng_matrix(dng_file(mosaic(ramp()), more=tuple(tags)))
-
-    np.testing.assert_array_equal(found, expected * np.eye(3))
-
-
-@pytest.mark.parametrize(
     "rationals",
     [
         [1, 0] * 9,
@@ -240,8 +221,3 @@ def test_a_matrix_that_tells_no_three_colours_apart_counts_as_unknown(
 
     assert frame.xyz_to_camera is None
     assert find_camera(None, frame).source == "stand-in"
-
-
-@pytest.mark.parametrize("data", [b"", b"text", b"II*\x00\x08\x00\x00\x00"])
-def test_other_bytes_have_no_matrix(data: bytes) -> None:
-    assert dng_matrix(data) is None
