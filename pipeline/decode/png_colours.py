@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from typing import Literal
 
 import numpy as np
 
 from pipeline.colour.icc import matrix_profile, srgb_profile
 from pipeline.colour.spaces import D65_XY, REC2020_PRIMARIES, SRGB_PRIMARIES
-from pipeline.decode.profiles import embedded_profile, profile_of_chromaticities
+from pipeline.decode.profiles import profile_of_chromaticities
 from pipeline.decode.samples import UnsuitableError
 
 _SIGNATURE = 8
-_TOLD = (b"cICP", b"sRGB", b"gAMA", b"cHRM")
+_TOLD = (b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM")
 _CODE_POINTS = 4
+_MOST_PROFILE = 2**24
+"""Bytes; those of tables for three colours have some millions."""
 _P3_PRIMARIES = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 _PRIMARIES = {9: REC2020_PRIMARIES, 12: _P3_PRIMARIES}
 _UNSPECIFIED, _LINEAR = 2, 8
@@ -48,13 +51,15 @@ def refuse_limited_range(data: bytes) -> None:
 def png_profile(data: bytes) -> bytes | None:
     """ICC profile of a PNG: its own, or one of what its cICP, sRGB, gAMA or cHRM chunk says.
 
-    None where nothing usable is said. PQ and HLG are to be refused before, by png_transfer.
+    None where nothing is said, and bytes that are no profile where an ICC profile is damaged and
+    nothing else is said. PQ and HLG are to be refused before, by png_transfer.
     """
     told = _told(data)
     coded = told.get(b"cICP", b"")
     if len(coded) == _CODE_POINTS and coded[1] != _UNSPECIFIED:
         return _coded_profile(coded[0], coded[1])
-    own = embedded_profile(data)
+    packed = told.get(b"iCCP")
+    own = None if packed is None else _unpacked(packed)
     if own is not None:
         return own
     if b"sRGB" in told:
@@ -70,8 +75,19 @@ def png_profile(data: bytes) -> bytes | None:
         if profile is not None:
             return profile
     if not known:
-        return None
+        return packed
     return matrix_profile("gAMA", SRGB_PRIMARIES, _curve(gamma, _SRGB_CHROMATICITIES))
+
+
+def _unpacked(chunk: bytes) -> bytes | None:
+    """Give the profile of an iCCP chunk; None of a damaged one, or of more than a profile has."""
+    _name, _, packed = chunk.partition(b"\0")
+    stream = zlib.decompressobj()
+    try:
+        profile = stream.decompress(packed[1:], _MOST_PROFILE)  # after the number of the method
+    except zlib.error:
+        return None
+    return profile if stream.eof and profile else None
 
 
 def _curve(gamma: int, chromaticities: tuple[float, ...]) -> Literal["linear", "srgb"] | float:

@@ -13,13 +13,11 @@ import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.icc import matrix_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES
-from pipeline.decode.signatures import kind_of
 from pipeline.images.frames import Image
 
 _SAME = 0.004
@@ -41,11 +39,9 @@ _LINEAR_TRANSFER = 8
 
 
 def embedded_profile(data: bytes) -> bytes | None:
-    """ICC profile of a JPEG or PNG, None where there is none that can be read."""
-    # not by Pillow's open, which has a limit of pixels of its own, below ours
-    header = PngImageFile if kind_of(data) == "PNG" else JpegImageFile
-    try:
-        with header(io.BytesIO(data)) as image:
+    """ICC profile of a JPEG, None where there is none that can be read."""
+    try:  # not by Pillow's open, which has a limit of pixels of its own, below ours
+        with JpegImageFile(io.BytesIO(data)) as image:
             profile = image.info.get("icc_profile")
     except Exception:  # the decoder of the pixels judges the file, not Pillow
         return None

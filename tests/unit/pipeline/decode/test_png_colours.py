@@ -121,6 +121,7 @@ def test_hdr_is_refused(values: Codes, transfer: int, encoding: str) -> None:
         (((b"cICP", b"\1"), SRGB), srgb_profile()),
         ((icc(linear_rec2020_profile()), GAMMA, P3_XY), linear_rec2020_profile()),
         ((SRGB, P3_XY), srgb_profile()),
+        (((b"iCCP", b"name"), SRGB), srgb_profile()),
         (((b"gAMA", 0),), None),
         (((b"gAMA", 5_000_000),), None),
         ((chrm(0.3, 0.3, 0.3, 0.3, 0.3, 0.3),), None),
@@ -134,6 +135,7 @@ def test_hdr_is_refused(values: Codes, transfer: int, encoding: str) -> None:
         "broken",
         "profile, primaries",
         "sRGB, primaries",
+        "broken profile, sRGB",
         "gamma 0",
         "gamma 50",
         "primaries in a point",
@@ -147,6 +149,39 @@ def test_what_says_more_goes_first(
     expected: bytes | None,
 ) -> None:
     assert png_profile(png(codes, *chunks)) == expected
+
+
+def test_a_profile_of_more_than_a_million_bytes_counts(codes: NDArray[np.uint8]) -> None:
+    """Such as those of displays, with a table for their colours, that editors may embed."""
+    profile = srgb_profile()
+    profile += np.random.default_rng(0).bytes(2_000_000)  # beside its tags
+    profile = struct.pack(">I", len(profile)) + profile[4:]
+
+    frame = decode(png(codes.astype(np.uint16) * 257, icc(profile)))
+
+    np.testing.assert_allclose(frame.pixels[:], linear(codes), atol=0.001)
+    assert frame.encoding == "srgb"
+
+
+BROKEN = [
+    (b"iCCP", b"name\0\0" + zlib.compress(srgb_profile())[:-20]),
+    (b"iCCP", b"name\0\0no deflated bytes"),
+    (b"iCCP", b"name"),
+    icc(b""),
+    icc(bytes(2**24 + 1)),
+]
+
+
+@pytest.mark.parametrize("chunk", BROKEN, ids=["cut off", "other", "no", "empty", "too much"])
+def test_16_bits_with_a_damaged_profile_are_refused(
+    codes: NDArray[np.uint8], chunk: tuple[bytes, bytes]
+) -> None:
+    """Whoever gave them one has most likely bent them; those of 8 bits are sRGB."""
+    with pytest.raises(UnreadableImageError, match="colour profile that cannot be read"):
+        decode(png(codes.astype(np.uint16) * 257, chunk))
+
+    frame = decode(png(codes, chunk))
+    np.testing.assert_allclose(frame.pixels[:], linear(codes), atol=1e-6)
 
 
 @pytest.mark.parametrize("gamma", [55_555, 30_000])
