@@ -88,7 +88,7 @@ def holds_raw(data: bytes) -> bool:
 
 
 def tiff_size(data: bytes) -> tuple[int, int]:
-    """(width, height) of the first full picture, before orientation.
+    """(width, height) of the largest full picture, before orientation.
 
     Raises UnsuitableError for a grey one, ValueError, also for tiles larger than a picture may be.
     """
@@ -103,7 +103,7 @@ def tiff_size(data: bytes) -> tuple[int, int]:
 
 
 def read_tiff(data: bytes, orientation: int) -> Samples:
-    """Read the first full picture.
+    """Read the largest full picture, of several alike the first.
 
     Raises UnsuitableError for colours that a transparency has darkened, and for a grey picture,
     ValueError and what tifffile raises.
@@ -139,7 +139,7 @@ class Tag:
 
 
 def tiff_tags(data: bytes) -> dict[str, Tag]:
-    """Tags of the first full picture by exifread's names; what it lacks, of the first directory.
+    """Tags of the largest full picture by exifread's names; what it lacks, of the first directory.
 
     exifread itself knows the first directory alone, and none of BigTIFF. Raises ValueError and
     what tifffile raises.
@@ -298,7 +298,13 @@ def _refuse_no_sensor(page: TiffPage) -> None:
 
 
 def _full(file: TiffFile) -> TiffPage:
-    for page in _pages(file):
-        if _shows(page) and not page.subfiletype & _REDUCED:
-            return page
-    raise ValueError("no full picture")
+    """Directory of the largest full picture: some programs put a small one first, and unnamed."""
+    full = [page for page in _pages(file) if _shows(page) and not page.subfiletype & _REDUCED]
+    if not full:
+        raise ValueError("no full picture")
+    return max(full, key=_rank)
+
+
+def _rank(page: TiffPage) -> tuple[bool, int]:
+    """Colours go before a grey mask, then the larger. Raises TypeError for a damaged size."""
+    return page.samplesperpixel > 2, int(page.imagewidth) * int(page.imagelength)

@@ -180,6 +180,30 @@ def test_a_thumbnail_before_the_picture_is_passed_over(codes: Codes) -> None:
     np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
 
 
+@pytest.mark.parametrize("first", ["colours", "grey"])
+def test_a_small_picture_before_the_large_one_is_passed_over(codes: Codes, first: str) -> None:
+    """Of a program that does not call it a thumbnail."""
+    file = io.BytesIO()
+    small = codes[::4, ::4] if first == "colours" else codes[::4, ::4, 0]
+    with tifffile.TiffWriter(file) as writer:
+        writer.write(small, photometric="rgb" if small.ndim == 3 else "minisblack", metadata=None)
+        writer.write(codes, photometric="rgb", metadata=None)
+
+    assert read_header(file.getvalue()).size == (64, 48)
+    np.testing.assert_allclose(decode(file.getvalue()).pixels[:], linear(codes), atol=1e-6)
+
+
+def test_of_pictures_of_one_size_the_first_in_colours_is_read(codes: Codes) -> None:
+    """Some programs put a mask of theirs beside the picture."""
+    file = io.BytesIO()
+    with tifffile.TiffWriter(file) as writer:
+        writer.write(np.repeat(codes[..., 0], 2, axis=0), photometric="minisblack", metadata=None)
+        writer.write(codes, photometric="rgb", metadata=None)
+        writer.write(codes[::-1], photometric="rgb", metadata=None)
+
+    np.testing.assert_allclose(decode(file.getvalue()).pixels[:], linear(codes), atol=1e-6)
+
+
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
 def test_exr_is_linear_and_keeps_what_is_negative_or_above_white(
     tmp_path: Path, dtype: type[np.floating[Any]]
