@@ -89,6 +89,16 @@ def frame(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def frame_pixels(data: bytes) -> int:
+    """Pixels of a JPEG by its frame, whatever the file around it says; 0 of other bytes."""
+    for kind, start, _ in _segments(data):
+        if kind in _FRAMES or kind in _OTHER_FRAMES:
+            sides = data[start + 1 : start + 3], data[start + 3 : start + 5]
+            height, width = (int.from_bytes(side, "big") for side in sides)
+            return height * width
+    return 0
+
+
 def refuse_other_processes(data: bytes) -> None:
     """Raise UnsuitableError for a JPEG of more than 8 bits, or one without loss."""
     for kind, start, _ in _segments(data):

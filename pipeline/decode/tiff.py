@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
+from pipeline.decode.jpeg_header import frame_pixels
 from pipeline.decode.samples import (
     CMYK,
     Samples,
@@ -115,6 +116,11 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         ends = map(sum, zip(page.dataoffsets, page.databytecounts, strict=False))
         if max(ends, default=0) > len(data):  # which a decoder of JPEG shows in grey
             raise ValueError("a strip goes on beyond the end")
+        if page.compression in _JPEG_IN_TIFF:  # whose decoder believes the JPEG, not the TIFF
+            places = zip(page.dataoffsets, page.databytecounts, strict=False)
+            sizes = (frame_pixels(data[at : at + count]) for at, count in places)
+            if max(sizes, default=0) > max_pixels():
+                raise ValueError("a JPEG that is larger than pictures may be")
         values = page.asarray(maxworkers=1)
         if page.planarconfig == _PLANES and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)

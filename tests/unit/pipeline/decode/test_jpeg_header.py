@@ -12,7 +12,13 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.decode.jpeg_header import exif_block, frame, is_whole_header, plain_header
+from pipeline.decode.jpeg_header import (
+    exif_block,
+    frame,
+    frame_pixels,
+    is_whole_header,
+    plain_header,
+)
 from pipeline.errors import UnreadableImageError
 
 Codes = NDArray[np.uint8]
@@ -120,6 +126,13 @@ def test_a_frame_tells_its_process_and_components(codes: Codes, pillow_file: Wri
     assert frame(bytes(imagecodecs.ljpeg_encode(grey))) == (0xC3, 1)
     assert frame(b"") is None
     assert frame(pillow_file(codes, "JPEG")[:20]) is None
+
+
+def test_a_frame_tells_its_size(codes: Codes, pillow_file: Write) -> None:
+    assert frame_pixels(pillow_file(codes, "JPEG")) == 64 * 48
+    assert frame_pixels(bytes(imagecodecs.ljpeg_encode(codes[:, :10, 0].astype(np.uint16)))) == 480
+    assert frame_pixels(b"") == 0
+    assert frame_pixels(b"\xff\xd8\xff\xc0\0\4") == 0
 
 
 @pytest.mark.parametrize("between", [b"\xff\xfe\0\2", b"\xff\xff"], ids=["comment", "fill"])

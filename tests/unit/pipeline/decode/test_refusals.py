@@ -303,13 +303,13 @@ def test_a_raw_file_cannot_be_srgb(dng_file: Write) -> None:
 BOMB = """
 import resource, sys
 from pipeline.decode import decode, read_header
-from pipeline.errors import ImageTooLargeError
+from pipeline.errors import ImageTooLargeError, UnreadableImageError
 data = sys.stdin.buffer.read()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for read in (read_header, decode):
     try:
         read(data)
-    except ImageTooLargeError as error:
+    except (ImageTooLargeError, UnreadableImageError) as error:
         print(error)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
@@ -326,6 +326,21 @@ def test_a_bomb_is_refused_before_it_takes_memory() -> None:
     assert first.startswith("The no-flash photograph has 30000 × 30000 pixels, more than the limit")
     assert int(grown_kb) < 50_000
     assert run.stderr == b""
+
+
+def test_a_tiff_of_a_jpeg_that_tells_a_huge_size_takes_no_memory(tiff_file: Write) -> None:
+    """Its decoder would make 15,000 × 15,000 pixels for a tile of 64 × 64, mostly in grey."""
+    data = tiff_file(np.zeros((64, 64, 3), np.uint8), compression="jpeg", tile=(64, 64))
+    size = data.index(b"\xff\xc0") + 5
+    bomb = data[:size] + struct.pack(">HH", 15_000, 15_000) + data[size + 4 :]
+
+    run = subprocess.run([sys.executable, "-c", BOMB], input=bomb, capture_output=True, check=True)
+
+    sentence, grown_kb = run.stdout.decode().splitlines()
+    assert sentence == (
+        "The no-flash photograph is a damaged or incomplete TIFF file: send it again."
+    )
+    assert int(grown_kb) < 50_000
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "TIFF", "EXR", "HEIF", "DNG", "JPEG XL DNG", "PNG"])
