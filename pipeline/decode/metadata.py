@@ -81,7 +81,7 @@ def read_metadata(data: bytes) -> Metadata:
             tags = _tags(data)
     except Exception:  # a broken EXIF block makes exifread raise whatever it ran into
         return Metadata()
-    flash = _number(tags, "EXIF Flash")
+    flash = _number(tags, "EXIF Flash", "Image Flash")
     orientation = _number(tags, "Image Orientation")
     white_balance = _number(tags, "EXIF WhiteBalance")
     return Metadata(
@@ -138,7 +138,8 @@ def _is_adobe_rgb(tags: dict[str, Any]) -> bool:
 
 def _taken(tags: dict[str, Any]) -> float | None:
     try:
-        moment = datetime.strptime(_text(tags, "EXIF DateTimeOriginal"), "%Y:%m:%d %H:%M:%S")
+        written = _text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTimeOriginal")
+        moment = datetime.strptime(written, "%Y:%m:%d %H:%M:%S")
     except ValueError:
         return None
     fraction = _text(tags, "EXIF SubSecTimeOriginal")

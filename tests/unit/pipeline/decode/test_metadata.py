@@ -123,6 +123,24 @@ def test_tiff_may_hold_the_facts_in_its_main_directory(
     assert frame.exposure == Exposure(0.008, 100, 2.8)
 
 
+def test_a_dng_may_tell_of_flash_and_time_in_its_main_directory(
+    dng_file: Write,
+) -> None:
+    """As TIFF/EP has it; Android writes what it knows of its DNGs there, too."""
+    tags = (
+        (33434, "2I", 1, (1, 125)),
+        (34855, "H", 1, 800),
+        (36867, "s", 0, "1970:01:02 00:00:01"),
+        (37385, "H", 1, 9),
+    )
+
+    found = read_metadata(dng_file(np.full((32, 32), 3000, np.uint16), more=tags))
+
+    assert found.exposure == Exposure(0.008, 800)
+    assert found.taken_s == 86401.0
+    assert found.flash_fired is True
+
+
 def with_directory(data: bytes, entries: list[tuple[int, int, int, bytes]], big: bool) -> bytes:
     """Append an EXIF directory to a little-endian TIFF that has a place for its offset."""
     count, entry, inline = ("<Q", "<HHQ", 8) if big else ("<H", "<HHI", 4)
