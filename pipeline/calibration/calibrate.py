@@ -309,7 +309,8 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
         colours = floored(lamps.colours)
         strongest = float(colours[:, 1].max())
         for light, colour in zip(lights, colours, strict=True):
-            light["strength"] = float(f"{colour[1] / strongest:.5g}")
+            if len(lights) > 1:  # one alone is not as strong as one of another file
+                light["strength"] = float(f"{colour[1] / strongest:.5g}")
             light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
     said: dict[str, Any] = {
         "lights": [

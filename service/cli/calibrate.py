@@ -253,7 +253,8 @@ def _place(light: Mapping[str, Any]) -> str:
     if "rgb" not in light:
         return place
     rgb = " ".join(f"{value:.3f}" for value in light["rgb"])
-    return f"{place}, strength {light['strength']:.3f}, colour {rgb}"
+    strength = f", strength {light['strength']:.3f}" if "strength" in light else ""
+    return f"{place}{strength}, colour {rgb}"
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:

@@ -186,14 +186,14 @@ def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("colours", "strengths", "rgb"),
     [
-        ([(0.3, 0, 0)], [1], [(1, 0.001, 0.001)]),
+        ([(0.3, 0, 0)], [None], [(1, 0.001, 0.001)]),
         ([(0.3, 0, 0), (0.6, 0, 0)], [1, 0.5], [(1, 0.001, 0.001)] * 2),
         ([(0.3, 0, 0), (0.3, 0.3, 0.3)], [1, 0.001], [(1, 1, 1), (1, 0.001, 0.001)]),
     ],
 )
 def test_lamps_without_green_are_calibrated(
     colours: list[tuple[float, ...]],
-    strengths: list[float],
+    strengths: list[float | None],
     rgb: list[tuple[float, ...]],
     tmp_path: Path,
 ) -> None:
@@ -203,8 +203,23 @@ def test_lamps_without_green_are_calibrated(
     read = [DirectedLight.model_validate(light) for light in lights]
     if len(set(rgb)) < len(rgb):  # lamps of one colour come in either order
         read.sort(key=lambda light: -(light.strength or 0.0))
-    assert [light.strength for light in read] == pytest.approx(strengths, rel=0.02)
+    assert [light.strength for light in read] == [
+        one and pytest.approx(one, rel=0.02) for one in strengths
+    ]
     assert [light.rgb for light in read] == [pytest.approx(one, rel=0.02) for one in rgb]
+
+
+def test_a_lamp_alone_is_not_said_to_be_as_strong_as_others_of_other_files(tmp_path: Path) -> None:
+    """Put together, both would else be of strength 1, whatever their light."""
+    put_together = []
+    for direction, brightness in zip(DIRECTIONS, (0.4, 0.05), strict=True):
+        shot = photograph_sphere(direction[None], np.array([(0.3, 1.0, 0.1)]) * brightness)
+        manifest = run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=1)
+        assert "strength" not in manifest["found"]["lights"][0]
+        put_together += json.loads((tmp_path / "lights.json").read_bytes())["lights"]
+    read = [DirectedLight.model_validate(light) for light in put_together]
+    assert [light.strength for light in read] == [None, None]
+    assert [light.rgb for light in read] == [pytest.approx((0.3, 1.0, 0.1), abs=0.01)] * 2
 
 
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
