@@ -148,6 +148,21 @@ def test_what_was_found_is_told(
 
 
 @pytest.mark.usefixtures("asked")
+def test_a_lamp_alone_is_told_without_a_strength(
+    pair: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    alone = {"lights": [{**PLACE, "direction": [-0.5, 0.5, 0.70711]}], "sphere": CARD}
+    monkeypatch.setitem(FOUND, "lamps", alone)
+    saved = str(tmp_path / "found.json")
+    assert run(["calibrate", "lamps", *pair, "--sphere", "5,6,3", "-o", saved]) == 0
+    told = "lamp1: 35.3° left, 30.0° up (± 0.4°), colour 1.000 0.500 0.250"
+    assert capsys.readouterr().out.splitlines()[0] == told
+
+
+@pytest.mark.usefixtures("asked")
 def test_a_card_and_a_flash_without_a_temperature_are_told(
     pair: list[str],
     tmp_path: Path,
