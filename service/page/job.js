@@ -2,9 +2,11 @@
 
 import { alarm, entitle, h, say } from "./dom.js";
 import { actionsOf } from "./actions.js";
+import { get } from "./api.js";
 import { filesOf } from "./files.js";
 import { progressOf } from "./progress.js";
 import { showResult } from "./result.js";
+import { warningsOf } from "./warnings.js";
 import { watch } from "./watch.js";
 import { kindOf, stateOf, titleOf } from "./words.js";
 
@@ -20,9 +22,17 @@ export async function showJob(main, id, signal, again) {
   if (job.state === "succeeded" && !job.options.kind) {
     await showResult(main, job, signal, again);
   } else {
-    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job, signal) : reasonOf(job), actionsOf(job, signal));
+    const parts = job.state === "succeeded" ? [...(await toldOf(job)), filesOf(job, signal)] : [reasonOf(job)];
+    if (signal.aborted) return;
+    main.append(h("h1", { textContent: kindOf(job) }), ...parts, actionsOf(job, signal));
   }
   if (!signal.aborted) say(`${kindOf(job)}: ${stateOf(job)}`);
+}
+
+/** What the manifest of a calibration or a mix warns of. */
+async function toldOf(job) {
+  const { warnings } = await get(job.links.results);
+  return warningsOf(warnings, {});
 }
 
 function reasonOf(job) {

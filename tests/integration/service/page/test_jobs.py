@@ -10,7 +10,13 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 import drivers
-from tests.integration.service.page.looking import PATIENT, TWO_FRAMES, check_access, open_mixer
+from tests.integration.service.page.looking import (
+    PATIENT,
+    TWO_FRAMES,
+    check_access,
+    open_mixer,
+    result,
+)
 
 LATER = "2030-01-01T12:00:00Z"
 
@@ -355,6 +361,22 @@ def test_on_a_small_phone_a_job_tells_its_kind_and_state(phone: Page, done: dict
             part = card.get_by_text(words).bounding_box()
             assert part is not None
             assert part["x"] + part["width"] <= whole["x"] + whole["width"]
+
+
+def test_what_a_calibration_warns_of_is_told(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    manifest = json.loads(result(service, done, "manifest.json"))
+    words = "The flash was not told: name it."
+    manifest["warnings"] = [{"code": "flash_doubtful", "message": words, "figures": {}}]
+    calibration = {**done, "options": {"kind": "camera"}}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=calibration))
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.get_by_role("button", name="Download all")).to_be_visible()
+    expect(page.locator(".warnings")).to_contain_text("1 warning")
+    expect(page.locator(".warnings").get_by_text(words)).to_be_visible()
+    check_access(page, "calibration")
 
 
 def test_somebody_is_asked_and_confirms(page: Page, done: dict[str, Any]) -> None:
