@@ -10,7 +10,8 @@ export class Problem extends Error {
     super(detail);
     this.title = title;
     this.status = status;
-    this.ofKey = status === 401 || type === "urn:lightlayers:problem:forbidden"; // another key may do it
+    const hidden = type === "urn:lightlayers:problem:unknown-job" && key(); // of jobs of other keys the service tells no more
+    this.ofKey = status === 401 || type === "urn:lightlayers:problem:forbidden" || Boolean(hidden); // another key may do it
   }
 }
 

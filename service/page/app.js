@@ -1,7 +1,6 @@
 // Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
 
 import { showAdd } from "./add.js";
-import { key } from "./api.js";
 import { alarm, entitle, h, isShortcut, say } from "./dom.js";
 import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
@@ -27,7 +26,6 @@ async function route() {
     if (signal.aborted) return;
     console.error(error);
     entitle(error.title ?? "That did not work");
-    if (error.status === 404 && key()) error.ofKey = true; // of jobs of other keys the service tells no more
     main.append(alarm(error, arrive), h("p", {}, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
   }
 }

@@ -7,7 +7,7 @@ from typing import Any
 
 from playwright.sync_api import FilePayload, Locator, Page, Route, expect
 
-from tests.integration.service.page.looking import open_mixer
+from tests.integration.service.page.looking import give_key, open_mixer
 
 NO_KEY = {"type": "x", "title": "A key is needed", "detail": "Send a key.", "status": 401}
 
@@ -104,5 +104,31 @@ def test_a_picture_comes_with_the_key_that_is_entered_at_its_place(
     leave(page, "Escape")
     alert = page.locator(".picture").get_by_role("alert")
     enter_key(page, alert)
+    expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
+    expect(alert).to_have_count(0)
+
+
+def test_a_picture_of_a_job_of_another_key_comes_with_that_key(
+    page: Page, done: dict[str, Any]
+) -> None:
+    """Of such a job the service tells no more than of one that is gone."""
+    urn = "urn:lightlayers:problem:unknown-job"
+    gone = {"type": urn, "title": "No such job", "detail": "It is gone.", "status": 404}
+
+    def guard(route: Route) -> None:
+        if route.request.headers.get("authorization") == "Bearer open sesame":
+            without_key(route)
+        else:
+            route.fulfill(status=404, json=gone)
+
+    give_key(page)
+    page.route("**/gamma.png", guard)
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Why these lamps").check(force=True)
+    alert = page.locator(".picture").get_by_role("alert")
+    expect(alert).to_contain_text("It is gone.")
+    alert.get_by_role("button", name="Use another key").click()
+    page.get_by_role("textbox", name="Key").fill("open sesame")
+    page.keyboard.press("Enter")
     expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
     expect(alert).to_have_count(0)
