@@ -188,7 +188,7 @@ function zone(title, hint, chosen) {
       },
     });
   const pick = input({ accept: KINDS, multiple: true, "aria-label": `Choose a file: ${title}` });
-  const shoot = input({ accept: "image/*", capture: "environment", "aria-label": `Take it with this device: ${title}` });
+  const shoot = input({ accept: "image/*", capture: "environment", "aria-label": `Use the camera: ${title}` });
   const element = h(
     "section",
     { className: "zone", "aria-label": title },

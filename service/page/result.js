@@ -145,7 +145,7 @@ function presets(current, replace, problems) {
     h("a", { href: url, download: "mix.json" }).click();
     setTimeout(() => URL.revokeObjectURL(url), 1000);
   };
-  const load = h("input", { type: "file", accept: ".json,application/json", className: "unseen", "aria-label": "Load a preset" });
+  const load = h("input", { type: "file", accept: ".json,application/json", className: "unseen", "aria-label": "Load preset" });
   load.addEventListener("change", async () => {
     problems.replaceChildren();
     try {
@@ -229,8 +229,8 @@ class Views {
     this._zoom = h(
       "div",
       { className: "zoom" },
-      button("Fit", "Show all of the picture", () => light.zoom(null)),
-      button("1:1", "Show it pixel by pixel", () => light.zoom(light.step)),
+      button("Fit", "Fit: show all of the picture", () => light.zoom(null)),
+      button("1:1", "1:1, pixel by pixel", () => light.zoom(light.step)),
       button("−", "Smaller", () => light.enlarge(1 / 1.5)),
       button("+", "Larger", () => light.enlarge(1.5)),
     );

@@ -144,7 +144,7 @@ def test_what_is_being_sent_cannot_be_changed(page: Page, held: list[Route]) -> 
     expect(page.get_by_role("button", name="Swap")).to_be_disabled()
     for zone in ("Without the flash", "With the flash"):
         expect(page.get_by_label(f"Choose a file: {zone}")).to_be_disabled()
-        expect(page.get_by_label(f"Take it with this device: {zone}")).to_be_disabled()
+        expect(page.get_by_label(f"Use the camera: {zone}")).to_be_disabled()
     drop(page, "Without the flash", "c.jpg")
     expect(page.locator(".chosen .name").first).to_contain_text("a.jpg")
     check_access(page, "sending")

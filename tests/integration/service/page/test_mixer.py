@@ -207,7 +207,7 @@ def test_whatever_is_looked_at_a_change_shows_the_mix(
     elif change == "preset":
         preset = json.dumps({"lamps": [{"ev": 1}, {"ev": -1}]}).encode()
         file: FilePayload = {"name": "a.json", "mimeType": "", "buffer": preset}
-        page.get_by_label("Load a preset").set_input_files(file)
+        page.get_by_label("Load preset").set_input_files(file)
     else:
         page.get_by_role("button", name=change, exact=True).click()
     expect(page.get_by_role("radio", name="Mix", exact=True)).to_be_checked()

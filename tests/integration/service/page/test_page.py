@@ -87,7 +87,7 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     page.get_by_role("button", name="Reset", exact=True).click()
     # without a graphics card the lamp that changed last is added last: sums differ by rounding
     assert np.abs(shown(page, size) - untouched).max() <= 1
-    page.get_by_label("Load a preset").set_input_files(saved.value.path())
+    page.get_by_label("Load preset").set_input_files(saved.value.path())
     expect(strip(page, 2).get_by_role("slider", name="Tint")).to_have_value("12")
     assert np.abs(shown(page, size) - mixed).max() <= 1
 
@@ -258,7 +258,7 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
             "mimeType": "application/json",
             "buffer": text.encode(),
         }
-        page.get_by_label("Load a preset").set_input_files(file)
+        page.get_by_label("Load preset").set_input_files(file)
         expect(page.get_by_role("alert")).to_contain_text(words)
 
 
