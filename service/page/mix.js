@@ -85,7 +85,7 @@ export function readPreset(text, count) {
   const other = Object.keys(preset).find((name) => name !== "lamps");
   if (other !== undefined) throw new Error(`The preset has ${JSON.stringify(other.slice(0, 40))} beside its lamps, which is not known.`);
   if (lamps.length !== count) {
-    throw new Error(`The preset is one for ${lamps.length} lamps, and this photograph has ${count}.`);
+    throw new Error(`The preset is one for ${lamps.length} ${lamps.length === 1 ? "lamp" : "lamps"}, and this photograph has ${count}.`);
   }
   return lamps.map((lamp) => {
     const read = { ...untouched(), ...lamp };

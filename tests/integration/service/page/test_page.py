@@ -247,7 +247,7 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
     for text, words in (
         ("{", "not JSON"),
         ("null", "no list of lamps"),
-        ('{"lamps": [{}]}', "one for 1 lamps"),
+        ('{"lamps": [{}]}', "one for 1 lamp, and"),
         ('{"lamps": [{"ev": 99}, {}]}', "out of its range"),
         ('{"lamps": [null, {}]}', "out of its range"),
         ('{"lamps": [{}, {"tint": 5}]}', "a tint without a temperature"),
