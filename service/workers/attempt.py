@@ -31,7 +31,7 @@ from service.errors import (
 from service.frames import FRAMES
 from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
-from service.patience import passes, patiently
+from service.patience import note, passes, patiently
 from service.problems import problem_of
 from service.rows import cameras, eta, jobs, kept
 from service.rows.database import AWAY
@@ -131,11 +131,11 @@ class Attempt:
         return passed_on
 
     def _problem_of(self, error: Exception) -> dict[str, Any]:
-        if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
-            self._log.error("failed", exc_info=error)
-            metrics.count_fault(error)
         if isinstance(error, OSError) and error.errno in FULL:
             error = StorageFullError(sandbox.DISK_IS_FULL)
+        if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
+            note(self._log, "failed", error)
+            metrics.count_fault(error)
         return problem_of(error, self._job.trace_id).model_dump()
 
     def _take(self, pass_on: PassOn) -> bool:

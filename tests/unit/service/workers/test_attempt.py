@@ -72,12 +72,16 @@ def run(context: Context) -> Run:
 
 
 @pytest.mark.parametrize(
-    ("error", "kind"),
-    [(GenericError("refused by the bucket"), "store-unavailable"), (OSError("full"), "internal")],
+    ("error", "kind", "is_ours"),
+    [
+        (GenericError("refused by the bucket"), "store-unavailable", False),
+        (OSError("broken"), "internal", True),
+    ],
 )
 def test_what_the_user_cannot_mend_is_in_the_log_with_its_cause(
     error: Exception,
     kind: str,
+    is_ours: bool,
     run: Run,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -89,7 +93,9 @@ def test_what_the_user_cannot_mend_is_in_the_log_with_its_cause(
     assert job.error is not None
     assert job.error["type"] == f"urn:lightlayers:problem:{kind}"
     assert str(error) not in job.error["detail"]
+    (line,) = (each for each in caplog.records if each.levelno == logging.ERROR)
     assert str(error) in caplog.text
+    assert bool(line.exc_info) == is_ours  # a trace is of what is a fault of the program alone
 
 
 def test_a_crash_of_the_separation_fails_the_job_with_its_reason(
@@ -397,13 +403,21 @@ def test_a_machine_that_stays_without_processes_fails_the_job_with_that_reason(
     ],
 )
 def test_a_disk_that_stays_full_fails_the_job_with_that_reason(
-    module: object, name: str, error: Exception, run: Run, monkeypatch: pytest.MonkeyPatch
+    module: object,
+    name: str,
+    error: Exception,
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr(module, name, raising(error))
     job = run()
     assert job is not None and job.error is not None
     assert job.error["type"] == "urn:lightlayers:problem:storage-full"
     assert job.error["retryable"] is True
+    (line,) = (each for each in caplog.records if each.levelno == logging.ERROR)
+    assert "failed, storage-full: " in line.getMessage()
+    assert not line.exc_info
 
 
 def test_results_outlast_a_power_cut_before_the_job_has_succeeded(
