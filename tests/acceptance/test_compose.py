@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 import yaml
+from prometheus_client import CollectorRegistry, start_http_server
 
 from service.cli import run
+from service.metrics import Database
 from service.settings import Settings
+from tests.ports import free_port
 
 _DOCKER = Path(__file__).parents[2] / "docker"
 _OURS = ("api", "worker", "migrate", "bucket")
@@ -20,6 +27,38 @@ _OURS = ("api", "worker", "migrate", "bucket")
 def services() -> dict[str, Any]:
     content: dict[str, Any] = yaml.safe_load((_DOCKER / "compose.yaml").read_text())["services"]
     return content
+
+
+@pytest.fixture
+def check(services: dict[str, Any]) -> Callable[[str, int], int]:
+    """Run the health check of a service at a port of this machine; its exit code."""
+
+    def run_check(name: str, port: int) -> int:
+        program, python, *words = services[name]["healthcheck"]["test"]
+        assert (program, python) == ("CMD", "python")
+        here = [re.sub(r"127\.0\.0\.1:\d+", f"127.0.0.1:{port}", word) for word in words]
+        # as Docker sets for each container where its own settings name a proxy
+        proxy = {"http_proxy": f"http://127.0.0.1:{free_port()}"}
+        return subprocess.run([sys.executable, *here], env=proxy, timeout=60).returncode
+
+    return run_check
+
+
+@pytest.fixture
+def metrics_port() -> Iterator[int]:
+    """Where a process serves metrics whose database answers."""
+    yield from _serving(sa.create_engine("sqlite://"))
+
+
+def _serving(engine: sa.Engine) -> Iterator[int]:
+    registry = CollectorRegistry()
+    registry.register(Database(engine, 15))
+    port = free_port()
+    server, thread = start_http_server(port, "127.0.0.1", registry)
+    yield port
+    server.shutdown()
+    server.server_close()
+    thread.join()
 
 
 @pytest.mark.parametrize("name", _OURS)
@@ -55,6 +94,14 @@ def test_processes_start_in_order_and_stop_in_their_time(services: dict[str, Any
     drain = float(services["api"]["environment"]["LIGHTLAYERS_DRAIN_SECONDS"])
     grace = float(services["api"]["stop_grace_period"].removesuffix("s"))
     assert drain + Settings.model_fields["stop_seconds"].default < grace
+
+
+@pytest.mark.parametrize("name", ["api", "worker"])
+def test_health_is_asked_of_the_container_itself(
+    name: str, check: Callable[[str, int], int], metrics_port: int
+) -> None:
+    assert check(name, metrics_port) == 0
+    assert check(name, free_port()) != 0
 
 
 def test_the_migration_waits_for_the_database_itself(services: dict[str, Any]) -> None:
