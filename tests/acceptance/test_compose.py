@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import sqlite3
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import sqlalchemy as sa
@@ -15,6 +18,7 @@ import yaml
 from prometheus_client import CollectorRegistry, start_http_server
 
 from service.cli import run
+from service.counters import TAKEOVERS
 from service.metrics import Database
 from service.settings import Settings
 from tests.ports import free_port
@@ -45,20 +49,21 @@ def check(services: dict[str, Any]) -> Callable[[str, int], int]:
 
 
 @pytest.fixture
-def metrics_port() -> Iterator[int]:
-    """Where a process serves metrics whose database answers."""
-    yield from _serving(sa.create_engine("sqlite://"))
+def serve_metrics() -> Iterator[Callable[[sa.Engine], int]]:
+    """Serve metrics of a process with a database; the port."""
+    with contextlib.ExitStack() as stack:
 
+        def serve(engine: sa.Engine) -> int:
+            registry = CollectorRegistry()
+            registry.register(Database(engine, 15))
+            registry.register(TAKEOVERS)
+            port = free_port()
+            server, _ = start_http_server(port, "127.0.0.1", registry)
+            stack.callback(server.server_close)
+            stack.callback(server.shutdown)
+            return port
 
-def _serving(engine: sa.Engine) -> Iterator[int]:
-    registry = CollectorRegistry()
-    registry.register(Database(engine, 15))
-    port = free_port()
-    server, thread = start_http_server(port, "127.0.0.1", registry)
-    yield port
-    server.shutdown()
-    server.server_close()
-    thread.join()
+        yield serve
 
 
 @pytest.mark.parametrize("name", _OURS)
@@ -98,10 +103,27 @@ def test_processes_start_in_order_and_stop_in_their_time(services: dict[str, Any
 
 @pytest.mark.parametrize("name", ["api", "worker"])
 def test_health_is_asked_of_the_container_itself(
-    name: str, check: Callable[[str, int], int], metrics_port: int
+    name: str, check: Callable[[str, int], int], serve_metrics: Callable[[sa.Engine], int]
 ) -> None:
-    assert check(name, metrics_port) == 0
+    assert check(name, serve_metrics(sa.create_engine("sqlite://"))) == 0
     assert check(name, free_port()) != 0
+
+
+def test_a_worker_is_alive_while_its_database_hangs(
+    check: Callable[[str, int], int], serve_metrics: Callable[[sa.Engine], int]
+) -> None:
+    """It goes on with its job meanwhile, which ends with it where the unhealthy are replaced."""
+    over = threading.Event()
+
+    def hang() -> NoReturn:
+        over.wait(60)
+        raise sqlite3.OperationalError
+
+    port = serve_metrics(sa.create_engine("sqlite://", creator=hang))
+    try:
+        assert check("worker", port) == 0
+    finally:
+        over.set()
 
 
 def test_the_migration_waits_for_the_database_itself(services: dict[str, Any]) -> None:
