@@ -287,6 +287,13 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
         )
         figures = {"angle_deg": aside_deg}
         warnings.append(RunWarning(Code.FLASH_ASIDE, message, figures))
+    if lamps.one_more:
+        message = (
+            "One lamp more would explain far more of the light on the sphere, without which the "
+            "others' directions may be wrong by many degrees: check the number of lamps that was "
+            "told, and keep other light off the sphere."
+        )
+        warnings.append(RunWarning(Code.UNEXPLAINED, message, {"misfit": lamps.misfit or 0.0}))
     lights: list[dict[str, Any]] = [
         {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
     ]

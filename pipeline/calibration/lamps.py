@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.arrays import Floats32, Floats64
 from pipeline.calibration.light import lights_of
 from pipeline.calibration.marks import disc
-from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
+from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps, fit_one_more
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.options import Circle, Lights
@@ -33,6 +33,7 @@ _CLIPPED = (
 _NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
 _ELSEWHERE = 0.1  # of the radius: no mark is so wrong
 _NO_LAMPS = 0.08  # the same of the lamps' light
+_MOST_LAMPS = 3
 _ONE_MORE = 0.03  # what one more lamp must explain, in squares of what paint and noise allow
 _UNSURE_DEG = 3.0  # standard deviation of a direction
 
@@ -49,7 +50,8 @@ class LampsEstimate:
     highlights are summed and not explained by a model.
     circle: the sphere's outline as it was found near the one that was marked.
     flash_aside_deg: angle at the sphere between the camera and the flash; None where a mirror does
-    not show the flash.
+    not show the flash. one_more: whether one lamp more would explain far more of the light on a
+    matt sphere.
     """
 
     directions: Floats64
@@ -58,6 +60,7 @@ class LampsEstimate:
     misfit: float | None
     circle: Circle
     flash_aside_deg: float | None
+    one_more: bool = False
 
 
 def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
@@ -65,18 +68,18 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
 
     sphere: its outline, which is trusted to two hundredths of its radius. focal_px: focal length
     in pixels. Raises OptionError for a circle that is too small or outside; UnusablePairError
-    where the sphere is clipped or dark or none, where distant lamps do not explain its light, and
-    where lamps cannot be told apart.
+    where the sphere is clipped or dark or none, where distant lamps do not explain its light, where
+    lamps cannot be told apart, and where four or more are found.
     """
     seen = _look(pair, sphere, focal_px)
     best = fit_lamps(seen, 1 if count == "auto" else count)
-    for more in (2, 3) if count == "auto" else ():
+    for more in range(2, _MOST_LAMPS + 1) if count == "auto" else ():
         fit = fit_lamps(seen, more)
-        if not best.cost - fit.cost >= _ONE_MORE:  # nor NaN, here and below
+        if not _explains_more(fit, best):
             break
         best = fit
     _check_sphere(best)
-    if not best.misfit <= _NO_LAMPS:
+    if not best.misfit <= _NO_LAMPS:  # nor NaN, here and below
         raise UnusablePairError(
             f"Distant lamps do not explain {best.misfit:.0%} of the light on the sphere: check "
             "the circle, the number of lamps, and that nothing near throws light or shadow on it."
@@ -87,6 +90,14 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
             "The lamps cannot be told apart on this sphere: move them farther from each other, or "
             "photograph it under each of them alone."
         )
+    tried = count == "auto" and len(best.directions) < _MOST_LAMPS
+    one_more = not tried and _explains_more(fit_one_more(seen, best), best)
+    if one_more and count == "auto":
+        raise UnusablePairError(
+            "Four lamps or more light the sphere, and three are the most that it tells: photograph "
+            "it under some of them at a time. Where only three shine, keep other light off it, or "
+            "tell their number."
+        )
     order = np.argsort(-best.colours[:, 1])
     dx, dy, wider = best.moved * sphere.radius
     return LampsEstimate(
@@ -96,7 +107,13 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
         misfit=best.misfit,
         circle=Circle(x=sphere.x + dx, y=sphere.y + dy, radius=sphere.radius + wider),
         flash_aside_deg=best.flash_aside_deg,
+        one_more=one_more,
     )
+
+
+def _explains_more(fit: SphereFit, fewer: SphereFit) -> bool:
+    """Whether a fit of one lamp more explains so much more that there is one; not where NaN."""
+    return fewer.cost - fit.cost >= _ONE_MORE
 
 
 def inside_sphere(shape: tuple[int, ...], sphere: Circle, share: float) -> Mask:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.arrays import Floats64
@@ -82,6 +83,12 @@ def fit_lamps(seen: SphereLight, count: int) -> SphereFit:
     problem = _Problem(seen, seen.view(np.zeros(3)))
     fits = [problem.solve(start) for start in _starts(problem, count)]
     return min(fits, key=lambda fit: fit.cost)
+
+
+def fit_one_more(seen: SphereLight, fit: SphereFit) -> SphereFit:
+    """Fit one lamp more than a fit has, beside its own, from where it explains the most."""
+    problem = _Problem(seen, seen.view(np.zeros(3)))
+    return problem.solve(_with_another(problem, fit.directions))
 
 
 class _Problem:
@@ -192,19 +199,33 @@ class _Problem:
 def _starts(problem: _Problem, count: int) -> list[Floats64]:
     """Sets of directions (count, 3) of a grid that explain the light best."""
     grid = _directions(_GRID)
-    shading = np.maximum(problem.normals @ grid.T, 0.0) * problem.weight[:, None]
+    sets = np.array(list(combinations(range(len(grid)), count)))
+    ranked = np.argsort(_explained(problem, grid, sets))[::-1]
+    return [grid[sets[index]] for index in ranked[:_STARTS]]
+
+
+def _with_another(problem: _Problem, directions: Floats64) -> Floats64:
+    """Directions (N, 3), and that of a grid with which they explain the light best."""
+    count = len(directions)
+    candidates = np.concatenate([directions, _directions(_GRID)])
+    sets = np.array([[*range(count), count + one] for one in range(_GRID)])
+    best = sets[int(np.argmax(_explained(problem, candidates, sets)))]
+    return np.asarray(candidates[best])
+
+
+def _explained(problem: _Problem, directions: Floats64, sets: NDArray[np.int64]) -> Floats64:
+    """How much of the light sets (n, N) of directions explain, −inf where one would be negative."""
+    shading = np.maximum(problem.normals @ directions.T, 0.0) * problem.weight[:, None]
     light = problem.even * problem.weight[:, None]
     gram, moments = shading.T @ shading, shading.T @ light
-    sets = np.array(list(combinations(range(len(grid)), count)))
     small = gram[sets[:, :, None], sets[:, None, :]]
-    small = small + 1e-6 * np.eye(count) * np.trace(gram) / len(grid)
+    small = small + 1e-6 * np.eye(sets.shape[1]) * np.trace(gram) / len(directions)
     wanted = moments[sets]
     colours = np.linalg.solve(small, wanted)
     explained = (colours * wanted).sum(axis=(1, 2))
     strongest = np.abs(colours).max(axis=(1, 2), keepdims=True)
     negative = (colours < -0.05 * strongest).any(axis=(1, 2))
-    ranked = np.argsort(np.where(negative, -np.inf, explained))[::-1]
-    return [grid[sets[index]] for index in ranked[:_STARTS]]
+    return np.asarray(np.where(negative, -np.inf, explained))
 
 
 def _directions(count: int) -> Floats64:

@@ -346,6 +346,16 @@ def test_a_flash_may_be_five_degrees_beside(
     assert figures == ([{"angle_deg": aside_deg}] if warned else [])
 
 
+@pytest.mark.parametrize("one_more", [True, False])
+def test_one_lamp_more_than_were_told_is_warned_of(
+    ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_more: bool
+) -> None:
+    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(one_more=one_more))
+    warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    figures = [said["figures"] for said in warnings if said["code"] == "unexplained"]
+    assert figures == ([{"misfit": 0.0123}] if one_more else [])
+
+
 def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
     red_for_blue = {"wavelength_nm": [380.0 + 5 * i for i in range(81)]}
     table = {**red_for_blue, "r": S[2].tolist(), "g": S[1].tolist(), "b": S[0].tolist()}

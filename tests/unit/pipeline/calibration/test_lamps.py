@@ -13,7 +13,7 @@ from pipeline.calibration.lamps import LampsEstimate, estimate_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise
-from pipeline.options import Circle
+from pipeline.options import Circle, Lights
 from pipeline.pair.pair import Pair
 from pipeline.vectors import unit
 from tests.targets import CIRCLE, FOCAL_PX, Shot, photograph_sphere
@@ -165,8 +165,12 @@ def _fit(count: int, **more: Any) -> SphereFit:
 
 
 @pytest.fixture
-def dim(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
-    """A picture (240, 360) whose light is its place, of which the flash has twice as much."""
+def dim(pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Pair]:
+    """A picture (240, 360) whose light is its place, of which the flash has twice as much.
+
+    One lamp more explains nothing more of it.
+    """
+    monkeypatch.setattr(module, "fit_one_more", lambda _, fit: fit)
 
     def build(**more: Any) -> Pair:
         x, y = np.meshgrid(np.arange(360) + 0.5, np.arange(240) + 0.5)
@@ -196,6 +200,43 @@ def test_lamps_are_counted_while_each_explains_more(
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, cost=costs[n - 1]))
     assert len(estimate_lamps(dim(), MARKED, "auto", FOCAL_PX).directions) == count
     assert len(estimate_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
+
+
+FOUR = unit(np.array([(-0.9, 0.3, 0.3), (0.9, 0.3, 0.3), (0.1, 0.9, 0.4), (0.0, -0.8, 0.6)]))
+FOUR_COLOURS = 0.7 * np.array([(0.3, 0.2, 0.1), (0.1, 0.2, 0.3), (0.2, 0.25, 0.1), (0.2, 0.2, 0.2)])
+
+
+@pytest.mark.usefixtures("coarse")
+def test_four_lamps_are_not_told_as_three(pair_of: Callable[..., Pair]) -> None:
+    pair = pair_of(photograph_sphere(FOUR, FOUR_COLOURS))
+    with pytest.raises(UnusablePairError, match="Four lamps or more light the sphere"):
+        estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
+    assert estimate_lamps(pair, MARKED, 3, FOCAL_PX).one_more
+
+
+@pytest.mark.usefixtures("coarse")
+def test_one_lamp_more_than_were_told_is_noticed(pair_of: Callable[..., Pair]) -> None:
+    """A weak one, without which the light is explained well enough to be believed."""
+    colours = FOUR_COLOURS[1:3] * [[1.0], [0.05]]
+    pair = pair_of(photograph_sphere(FOUR[1:3], colours, noise=1.0, paint=0.02))
+    assert estimate_lamps(pair, MARKED, 1, FOCAL_PX).one_more
+    assert not estimate_lamps(pair, MARKED, 2, FOCAL_PX).one_more
+
+
+@pytest.mark.parametrize(("cost", "one_more"), [(0.469, True), (0.471, False), (np.nan, False)])
+@pytest.mark.parametrize("told", [1, 2, 3, "auto"])
+def test_one_lamp_more_counts_where_it_explains_as_much_as_others_do(
+    dim: Callable[..., Pair],
+    monkeypatch: pytest.MonkeyPatch,
+    told: Lights,
+    cost: float,
+    one_more: bool,
+) -> None:
+    """Where fewer than three are counted, one more has been tried."""
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, cost=0.5))
+    monkeypatch.setattr(module, "fit_one_more", lambda _, fit: _fit(len(fit.directions), cost=cost))
+    found = estimate_lamps(dim(), MARKED, told, FOCAL_PX)
+    assert found.one_more == (one_more and told != "auto")
 
 
 def test_the_strongest_lamp_comes_first_with_all_that_is_its_own(
