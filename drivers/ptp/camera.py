@@ -86,7 +86,7 @@ class PtpCamera(Camera):
         self._session = Session(transport, clock)
         try:
             self._session.open()
-            self._device = DeviceInfo.decode(self._session.request(Operation.GET_DEVICE_INFO)[0])
+            self._device = DeviceInfo.decode(self._session.request(Operation.GET_DEVICE_INFO))
             self._nikon = nikon.Calls(self._session, self._device)
         except BaseException:
             self._session.close()
@@ -102,7 +102,7 @@ class PtpCamera(Camera):
         battery = None
         if Property.BATTERY_LEVEL in self._device.properties:
             with contextlib.suppress(SettingError):  # it may keep it to itself
-                value, _ = self._session.request(
+                value = self._session.request(
                     Operation.GET_DEVICE_PROP_VALUE, Property.BATTERY_LEVEL
                 )
                 battery = Reader(value).uint(1)
@@ -123,7 +123,7 @@ class PtpCamera(Camera):
         told = []
         for card in self._cards():
             with contextlib.suppress(StoreFullError):  # it was taken out just now
-                answer, _ = self._session.request(Operation.GET_STORAGE_INFO, card)
+                answer = self._session.request(Operation.GET_STORAGE_INFO, card)
                 told.append(StorageInfo.decode(answer).free)
         known = [free for free in told if free != UNKNOWN_BYTES]
         return sum(known) if known or not told else None
@@ -187,16 +187,16 @@ class PtpCamera(Camera):
 
     def _cards(self) -> list[int]:
         """Give the storages; empty slots are left out."""
-        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
+        data = self._session.request(Operation.GET_STORAGE_IDS)
         return [storage for storage in Reader(data).uints(4) if storage & _CARD]
 
     def _objects_in(self, storage: int) -> set[int]:
-        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, storage, 0, 0)
+        data = self._session.request(Operation.GET_OBJECT_HANDLES, storage, 0, 0)
         return set(Reader(data).uints(4))
 
     def describe(self, handle: int) -> CameraObject:
         """Kind, size and name of an object."""
-        data, _ = self._session.request(Operation.GET_OBJECT_INFO, handle)
+        data = self._session.request(Operation.GET_OBJECT_INFO, handle)
         info = ObjectInfo.decode(data)
         kind = _KINDS.get(info.format) or kind_of_name(info.name)
         return CameraObject(handle, kind, info.size, info.name, f"{info.storage:#010x}")
@@ -253,7 +253,7 @@ class PtpCamera(Camera):
         while offset < size:
             asked, wanted = clock.monotonic(), min(most, size - offset)
             room = memoryview(bytearray(wanted)) if into is None else into[offset:][:wanted]
-            chunk, _ = self._session.request(
+            chunk = self._session.request(
                 Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * most, into=room
             )
             if not 0 < len(chunk) <= wanted:
@@ -270,7 +270,7 @@ class PtpCamera(Camera):
 
     def _whole(self, handle: int, size: int, into: memoryview | None) -> Bytes:
         """Fetch an object of a camera that cannot send parts."""
-        data, _ = self._session.request(
+        data = self._session.request(
             Operation.GET_OBJECT, handle, most=min(size, _LARGEST_WHOLE), into=into
         )
         if len(data) != size:
@@ -288,7 +288,7 @@ class PtpCamera(Camera):
         code = CODECS[name].code
         if code not in self._device.properties:
             raise lacking(name)
-        data, _ = self._session.request(Operation.GET_DEVICE_PROP_DESC, code)
+        data = self._session.request(Operation.GET_DEVICE_PROP_DESC, code)
         return PropertyDescription.decode(data)
 
 

@@ -84,7 +84,7 @@ class Calls:
             clock.sleep(min(_POLL_S, left))
 
     def _ask(self) -> list[Container]:
-        data, _ = self._session.request(Operation.NIKON_GET_EVENTS)
+        data = self._session.request(Operation.NIKON_GET_EVENTS)
         reader = Reader(data)
         count = reader.uint(2)
         if count > _MOST_EVENTS:

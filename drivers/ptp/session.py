@@ -103,11 +103,11 @@ class Session:
     def open(self) -> None:
         """Open the session; one that an earlier caller left open is closed first."""
         for pause in (*_BUSY_PAUSES_S, None):
-            code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
+            code, _ = self._once(Operation.OPEN_SESSION, (1,))
             if code == Response.SESSION_ALREADY_OPEN:
                 self._once(Operation.CLOSE_SESSION, ())
                 self._transaction = 0
-                code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
+                code, _ = self._once(Operation.OPEN_SESSION, (1,))
             if code != Response.DEVICE_BUSY or pause is None:
                 break
             self._transaction = 0
@@ -123,17 +123,17 @@ class Session:
         data: bytes | None = None,
         most: int = DATASET_BYTES,
         into: memoryview | None = None,
-    ) -> tuple[Bytes, tuple[int, ...]]:
-        """Run one operation and return (data, response parameters).
+    ) -> Bytes:
+        """Run one operation and return the data of its answer, empty where it has none.
 
         data: bytes to send along. most: bytes that may come. into: where they are put if they fit.
         A busy camera is asked again for about three seconds. Raises the error that the camera's
         response stands for.
         """
         for pause in (*_BUSY_PAUSES_S, None):
-            code, received, answer = self._once(operation, parameters, data, most, into)
+            code, received = self._once(operation, parameters, data, most, into)
             if code == Response.OK:
-                return received, answer
+                return received
             if code != Response.DEVICE_BUSY or pause is None:
                 break
             self.clock.sleep(pause)
@@ -141,13 +141,13 @@ class Session:
 
     def request_once(self, operation: Operation, *parameters: int) -> None:
         """Run an operation without data; a busy camera is an error, too, and not asked again."""
-        code, _, _ = self._once(operation, parameters)
+        code, _ = self._once(operation, parameters)
         if code != Response.OK:
             raise _refusal(operation, code)
 
     def is_busy(self, operation: Operation) -> bool:
         """Ask once whether the camera is busy. Raises like request() for any other refusal."""
-        code, _, _ = self._once(operation, ())
+        code, _ = self._once(operation, ())
         if code not in (*_READY, *_BUSY):
             raise _refusal(operation, code)
         return code in _BUSY
@@ -172,7 +172,7 @@ class Session:
         data: bytes | None = None,
         most: int = DATASET_BYTES,
         into: memoryview | None = None,
-    ) -> tuple[int, Bytes, tuple[int, ...]]:
+    ) -> tuple[int, Bytes]:
         transaction = self._transaction
         self._transaction = 1 if transaction == _LAST_TRANSACTION else transaction + 1
         self._cut = True
@@ -189,7 +189,7 @@ class Session:
             answer = self.transport.receive()
         _check(answer, answer.code, transaction, ContainerType.RESPONSE)
         self._cut = False
-        return answer.code, received, answer.parameters
+        return answer.code, received
 
 
 def _check(container: Container, code: int, transaction: int, kind: ContainerType) -> None:

@@ -73,7 +73,7 @@ def test_more_than_a_thousand_events_are_no_list_of_them(
     for count in (1000, 1001):
         event = (0x4002).to_bytes(2, "little") + (7).to_bytes(4, "little")
         data = count.to_bytes(2, "little") + count * event
-        monkeypatch.setattr(session, "request", lambda _operation, data=data: (data, ()))
+        monkeypatch.setattr(session, "request", lambda _operation, data=data: data)
         if count == 1000:
             told = calls.events(timeout_s=0)
             assert [(one.code, one.parameters) for one in told] == [(0x4002, (7,))] * 1000

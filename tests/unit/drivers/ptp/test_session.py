@@ -85,11 +85,11 @@ def test_transaction_ids_wrap_around_the_reserved_ones(clock: Clock) -> None:
     assert [container.transaction for container in script.sent[1:]] == [0xFFFFFFFE, 1]
 
 
-def test_data_and_parameters_are_handed_on(clock: Clock) -> None:
+def test_data_are_handed_on(clock: Clock) -> None:
     session, _ = opened(
         clock, Container(DATA, Operation.GET_OBJECT, 1, b"photograph"), response(1, Response.OK, 10)
     )
-    assert session.request(Operation.GET_OBJECT, 5) == (b"photograph", (10,))
+    assert session.request(Operation.GET_OBJECT, 5) == b"photograph"
 
 
 def test_data_are_sent_after_their_command(clock: Clock) -> None:
