@@ -230,14 +230,14 @@ class Health(BaseModel):
 
 def of_jobs(
     connection: sa.Connection, settings: Settings, found: list[jobs.Job]
-) -> list[tuple[jobs.Job, JobAnswer]]:
-    """Make the answers for jobs, each beside its row.
+) -> list[JobAnswer]:
+    """Make the answers for jobs, in their order.
 
     They have their places in the queue, and when they are likely to end.
     """
     places = waiting.positions(connection, found)
     ends = eta.etas(connection, settings, found, places)
-    return [(job, JobAnswer.of(job, places.get(job.id), ends.get(job.id))) for job in found]
+    return [JobAnswer.of(job, places.get(job.id), ends.get(job.id)) for job in found]
 
 
 def _webhook(job: jobs.Job) -> WebhookAnswer | None:

@@ -168,9 +168,7 @@ def _jobs(context: Context, job_id: str) -> JobList:
     with context.engine.connect() as connection:
         kept = jobs.find_all(connection, bursts.kept(connection, job_id))
         found = sorted(kept, key=lambda job: job.id)
-        return JobList(
-            jobs=[one for _, one in answers.of_jobs(connection, context.settings, found)]
-        )
+        return JobList(jobs=answers.of_jobs(connection, context.settings, found))
 
 
 def _list(context: Context, caller: Caller) -> list[CameraAnswer]:

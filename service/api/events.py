@@ -56,7 +56,7 @@ async def watch_job(
 def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
-        ((_, answer),) = answers.of_jobs(connection, context.settings, [job])
+        (answer,) = answers.of_jobs(connection, context.settings, [job])
     return Snapshot(answer, job.revision, job.ended)
 
 

@@ -16,9 +16,8 @@ from service.api.submission import Submission
 def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
     """Make the answer for a job. Raises UnknownJobError."""
     with context.engine.connect() as connection:
-        ((_, made),) = answers.of_jobs(
-            connection, context.settings, [find(connection, caller, job_id)]
-        )
+        job = find(connection, caller, job_id)
+        (made,) = answers.of_jobs(connection, context.settings, [job])
     return made
 
 

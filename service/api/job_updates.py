@@ -177,10 +177,8 @@ class JobUpdates:
                 changed.append(job_id)
         found: dict[str, Snapshot | None] = dict.fromkeys(set(seen) - set(known))
         if changed:
-            found |= {
-                answer.id: Snapshot(answer, job.revision, job.ended)
-                for job, answer in answers.of_jobs(
-                    connection, self._settings, jobs.find_all(connection, changed)
-                )
-            }
+            looked_at = jobs.find_all(connection, changed)
+            told = answers.of_jobs(connection, self._settings, looked_at)
+            for job, answer in zip(looked_at, told, strict=True):
+                found[job.id] = Snapshot(answer, job.revision, job.ended)
         return found

@@ -93,7 +93,7 @@ def list_jobs(
         count = jobs.count_fitting(connection, caller.lists, limit, place)
         found = jobs.page(connection, caller.lists, count + 1, place)
         shown = found[:count]
-        listed = [one for _, one in answers.of_jobs(connection, context.settings, shown)]
+        listed = answers.of_jobs(connection, context.settings, shown)
     more = len(found) > count
     return JobPage(
         jobs=listed,

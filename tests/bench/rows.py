@@ -148,7 +148,7 @@ class Rows:
     def answer(self) -> None:
         """Tell of a job that waits, with its place in the queue and its end."""
         with self.engine.connect() as connection:
-            ((_, told),) = answers.of_jobs(connection, self._settings, [self._last])
+            (told,) = answers.of_jobs(connection, self._settings, [self._last])
         assert told.position is not None and told.position > 1
         assert told.eta is not None
 
