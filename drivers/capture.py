@@ -23,7 +23,7 @@ from drivers.shot import CaptureProgress, Shot, photographs_since, take_shot
 CAPTURE_STAGES = ("prepare", "no_flash", "flash", "verify")
 """The stages of a capture, in order."""
 
-PAIRS = 2
+PAIR_ATTEMPTS = 2
 """How often a pair is begun, where its second photograph fails."""
 
 RECHARGE_S = 5.0
@@ -164,7 +164,7 @@ class _Taking:
 
     def pair(self) -> CapturedPair:
         """Take both photographs, and both once more where the second one fails."""
-        for left in reversed(range(PAIRS)):
+        for left in reversed(range(PAIR_ATTEMPTS)):
             before = self.camera.objects()
             no_flash = self.shoot("no_flash", "off")
             try:

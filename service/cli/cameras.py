@@ -35,7 +35,7 @@ from service.cli.shooting import (
 if TYPE_CHECKING:
     import drivers
 
-_REPEATS = 3
+_PAIR_ATTEMPTS = 3
 """How often a pair is begun where the camera goes away in the middle."""
 
 
@@ -215,7 +215,7 @@ def _capture(
     """Take a pair; with which camera. It is asked before: after the pair it may be gone."""
     import drivers
 
-    for left in reversed(range(_REPEATS)):
+    for left in reversed(range(_PAIR_ATTEMPTS)):
         opened = camera.connected(wait_s)  # which has waited already for what it raises
         try:
             taker = opened.info()
