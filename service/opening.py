@@ -39,7 +39,7 @@ def open_database(settings: Settings) -> sa.Engine:
     A database in a file, which is this machine's alone, is migrated on the way. One that hosts
     share is migrated by a command, at a moment that its operator chooses.
     """
-    with _told():
+    with _start_errors():
         connected = database.connect(settings.database_url)
         try:
             if connected.dialect.name == "sqlite":
@@ -57,7 +57,7 @@ def migrate_database(settings: Settings) -> tuple[str | None, str]:
 
     Raises StartError.
     """
-    with _told():
+    with _start_errors():
         connected = database.connect(settings.database_url)
         try:
             return _migrate(connected)
@@ -71,7 +71,8 @@ def _migrate(connected: sa.Engine) -> tuple[str | None, str]:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[None]:
+def _start_errors() -> Iterator[None]:
+    """Raise StartError, and say what to do, where the database cannot be opened or migrated."""
     try:
         yield
     except (sa.exc.ArgumentError, ValueError):  # whose text may have a part of the password

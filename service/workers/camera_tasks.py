@@ -40,8 +40,8 @@ def capture(task: Task, tell: Tell) -> None:
         (directory / "flash").write_bytes(pair.flash.best)
         taken_with = dict(pair.settings)
         if not wanted.keep and _ask(tell, {"kind": "keep", "settings": taken_with}):
-            _told(lambda: pair.delete_from(camera, best_alone=True), task)
-        info = _told(lambda: asdict(camera.info()), task)
+            _if_it_can(lambda: pair.delete_from(camera, best_alone=True), task)
+        info = _if_it_can(lambda: asdict(camera.info()), task)
         tell({"answer": {"settings": taken_with, "info": info}})
 
 
@@ -101,8 +101,11 @@ def _ask(tell: Tell, question: dict[str, Any]) -> bool:
     return bool(json.loads(sys.stdin.readline() or "false"))
 
 
-def _told(call: Callable[[], Result], task: Task) -> Result | None:
-    """Call the camera once its pair is taken, which no fault of the camera can undo any more."""
+def _if_it_can(call: Callable[[], Result], task: Task) -> Result | None:
+    """Ask a camera for something that its pair, which is taken, does not depend on.
+
+    None, and a line in the log, where it fails.
+    """
     try:
         return call()
     except drivers.DriverError as error:

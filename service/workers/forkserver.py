@@ -102,7 +102,7 @@ class ForkServer:
 
     def _control(self) -> socket.socket:
         if self._running is None:
-            with _told(), contextlib.ExitStack() as ours:
+            with _no_process_when_short(), contextlib.ExitStack() as ours:
                 control, theirs = socket.socketpair()
                 ours.callback(control.close)
                 with theirs:
@@ -128,7 +128,7 @@ class ForkServer:
 def _ask(control: socket.socket) -> Child | None:
     """Send a request; None when the server is dead. Raises NoProcessError."""
     # What is open is closed again where the next is not to be had: whoever waits asks often.
-    with _told(), contextlib.ExitStack() as theirs, contextlib.ExitStack() as ours:
+    with _no_process_when_short(), contextlib.ExitStack() as theirs, contextlib.ExitStack() as ours:
         child_stdin, stdin = os.pipe()
         theirs.callback(os.close, child_stdin)
         ours.callback(os.close, stdin)
@@ -149,8 +149,8 @@ def _ask(control: socket.socket) -> Child | None:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[None]:
-    """Tell a system that has nothing left from what is wrong with us."""
+def _no_process_when_short() -> Iterator[None]:
+    """Raise NoProcessError where the system has no process, memory or descriptor left."""
     try:
         yield
     except OSError as error:
