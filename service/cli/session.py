@@ -66,23 +66,10 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
 
 
 def _pairs_of(folder: Path, output: Path) -> Pairs:
-    try:
-        listed = sorted(
-            path
-            for path in folder.iterdir()
-            # hidden ones, and what lies beside a captured pair
-            if not path.name.startswith(".") and not path.name.endswith(RECIPE)
-        )
-    except NotADirectoryError as error:
-        raise InputError(
-            f"{folder} is one photograph: name the one with the flash, too, or a folder of pairs."
-        ) from error
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be read: {reason_of(error)}.") from error
     shots = {}
     unreadable: dict[str, str] = {}
     holds: dict[str, int] = {}
-    for path in listed:
+    for path in _listed(folder):
         printable = path.name.encode(errors="backslashreplace").decode()
         if printable != path.name:  # their results could not be named after them
             unreadable[printable] = "its name is not UTF-8, so rename it"
@@ -106,16 +93,40 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
             unreadable[path.name] = _DAMAGED if known else "it is no photograph"
             continue
         holds[path.name] = _HOLD_LESS.get(kind_of(data), len(_HOLD_LESS))
-    most: dict[str, int] = {}  # of all files of a name, whose case cards and programs change
-    for name, much in holds.items():
-        stem = Path(name).stem.casefold()
-        most[stem] = max(most.get(stem, 0), much)
-    twins = {name for name, much in holds.items() if much < most[Path(name).stem.casefold()]}
+    twins = _twins(holds)
     named = _pairs_by_name(name for name in shots if name not in twins)
     rest = shots.keys() - twins - {name for pair in named for name in pair}
     found = find_pairs({name: shots[name] for name in shots if name in rest})
     beside = dict.fromkeys(twins, "another file of this name holds more of the photograph")
     return Pairs(named + found.found, dict(sorted((found.left | beside | unreadable).items())))
+
+
+def _listed(folder: Path) -> list[Path]:
+    """List a folder but for hidden files and recipes, by name. Raises InputError."""
+    try:
+        return sorted(
+            path
+            for path in folder.iterdir()
+            if not path.name.startswith(".") and not path.name.endswith(RECIPE)
+        )
+    except NotADirectoryError as error:
+        raise InputError(
+            f"{folder} is one photograph: name the one with the flash, too, or a folder of pairs."
+        ) from error
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be read: {reason_of(error)}.") from error
+
+
+def _twins(holds: Mapping[str, int]) -> set[str]:
+    """Names beside which another file of the same stem holds more of the photograph.
+
+    holds: by name, how much, as in _HOLD_LESS.
+    """
+    most: dict[str, int] = {}  # by stem, whose case cards and programs change
+    for name, much in holds.items():
+        stem = Path(name).stem.casefold()
+        most[stem] = max(most.get(stem, 0), much)
+    return {name for name, much in holds.items() if much < most[Path(name).stem.casefold()]}
 
 
 def _pairs_by_name(names: Iterable[str]) -> list[tuple[str, str]]:
