@@ -102,14 +102,14 @@ def _unfinished() -> sa.ColumnElement[bool]:
 
 def holder(connection: sa.Connection, camera: str) -> jobs.Job | None:
     """Find the job that has the camera take its pair now."""
-    has_it = sa.or_(*map(queues.has_camera, _same(connection, camera)))
+    has_it = sa.or_(*map(queues.is_held_from_queue, _same(connection, camera)))
     job_id = connection.execute(sa.select(rows.c.id).where(has_it)).scalar()
     return jobs.find(connection, job_id) if job_id else None
 
 
 def count_waiting(connection: sa.Connection, camera: str) -> int:
     """How many jobs wait for the camera."""
-    waits = sa.or_(*map(queues.waits_for_camera, _same(connection, camera)))
+    waits = sa.or_(*map(queues.waits_in_queue, _same(connection, camera)))
     return connection.execute(sa.select(sa.func.count()).where(waits)).scalar_one()
 
 

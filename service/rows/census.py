@@ -26,10 +26,10 @@ def jobs_by_state(connection: sa.Connection) -> dict[State, int]:
 def longest_wait(connection: sa.Connection) -> float:
     """Seconds that the oldest job has waited for a worker; 0 when none waits.
 
-    What waits for a camera, or for its hour, is not among them. A pair that a camera took counts
-    from the beginning of that.
+    Jobs that wait for a camera, or for the moment that their pair is due, do not count. A job whose
+    pair a camera took counts from when that capture began.
     """
     taken = sa.func.coalesce(jobs.c.started, jobs.c.created)
     since = sa.case((jobs.c.camera.is_(None), jobs.c.created), else_=taken)
-    oldest = sa.select(now() - sa.func.min(since)).where(queues.waits_for_camera(None))
+    oldest = sa.select(now() - sa.func.min(since)).where(queues.waits_in_queue(None))
     return max(connection.execute(oldest).scalar_one() or 0.0, 0.0)

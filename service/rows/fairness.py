@@ -33,7 +33,7 @@ def next_rank(
         clock = max(clock, _clock(connection, camera))
     behind = connection.execute(
         sa.select(sa.func.max(jobs.c.rank)).where(
-            queues.waits_for_camera(camera), jobs.c.owner == owner, jobs.c.priority == priority
+            queues.waits_in_queue(camera), jobs.c.owner == owner, jobs.c.priority == priority
         )
     ).scalar()
     return min(max(clock, behind or 0) + COST[priority], MAX_RANK)
@@ -42,9 +42,9 @@ def next_rank(
 def _clock(connection: sa.Connection, camera: str | None) -> int:
     """How far the queue of a camera is; None: that of the workers."""
     begun = connection.execute(
-        sa.select(sa.func.max(jobs.c.rank)).where(queues.has_camera(camera))
+        sa.select(sa.func.max(jobs.c.rank)).where(queues.is_held_from_queue(camera))
     ).scalar()
-    waiting = sa.select(jobs.c.rank, jobs.c.priority).where(queues.waits_for_camera(camera))
+    waiting = sa.select(jobs.c.rank, jobs.c.priority).where(queues.waits_in_queue(camera))
     head = connection.execute(waiting.order_by(jobs.c.rank).limit(1)).first()
     # While no job is held, the head of the queue tells where the last one held must have been.
     return max(begun or 0, head.rank - COST[head.priority] if head else 0)

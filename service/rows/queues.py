@@ -14,7 +14,7 @@ CAPTURE = "capture"
 """The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""
 
 
-def waits_for_camera(camera: str | None) -> sa.ColumnElement[bool]:
+def waits_in_queue(camera: str | None) -> sa.ColumnElement[bool]:
     """Whether a job waits in the queue of a camera; None: in that of the workers."""
     this = jobs.c.camera == camera
     elsewhere = sa.or_(jobs.c.camera.is_(None), jobs.c.inputs.is_not(None))
@@ -22,8 +22,8 @@ def waits_for_camera(camera: str | None) -> sa.ColumnElement[bool]:
     return sa.and_(jobs.c.state == State.QUEUED, queue)
 
 
-def has_camera(camera: str | None) -> sa.ColumnElement[bool]:
-    """Whether a job that was begun has a camera take its pair; None: whether it has none do so."""
+def is_held_from_queue(camera: str | None) -> sa.ColumnElement[bool]:
+    """Whether a worker holds a job out of the queue of a camera; None: out of the workers'."""
     held = jobs.c.state.in_(HELD)
     if camera is None:
         return sa.and_(held, jobs.c.stage.is_distinct_from(CAPTURE))

@@ -32,7 +32,7 @@ def positions(connection: sa.Connection, shown: Iterable[Job]) -> dict[str, int]
     places: dict[str, int] = {}
     for camera, those in queued.items():
         keys = {job.id: (job.rank, job.created, job.id) for job in those}
-        ahead = sa.and_(queues.waits_for_camera(camera), sa.tuple_(*_ORDER) <= max(keys.values()))
+        ahead = sa.and_(queues.waits_in_queue(camera), sa.tuple_(*_ORDER) <= max(keys.values()))
         # as far as the last of them; one may have left since it was read, which has a place, too
         queue = sorted(map(tuple, connection.execute(sa.select(*_ORDER).where(ahead))))
         places |= {job_id: bisect_left(queue, key) + 1 for job_id, key in keys.items()}

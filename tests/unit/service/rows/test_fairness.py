@@ -24,7 +24,7 @@ def _go(engine: sa.Engine, end: bool = True, camera: str | None = None) -> str:
     """Have a worker take the job that is first; its id. camera: in the camera's queue."""
     order = (database.jobs.c.rank, database.jobs.c.created, database.jobs.c.id)
     with engine.begin() as connection:
-        waiting = sa.select(database.jobs.c.id).where(queues.waits_for_camera(camera))
+        waiting = sa.select(database.jobs.c.id).where(queues.waits_in_queue(camera))
         job_id: str = connection.execute(waiting.order_by(*order).limit(1)).scalar_one()
         held = jobs.claim(connection, job_id, "w", queues.CAPTURE if camera else None)
         assert held is not None
