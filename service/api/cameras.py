@@ -52,7 +52,8 @@ router = APIRouter(tags=["cameras"])
 SCHEMAS = (CameraCapture, SettingsRequest)
 """Models that the OpenAPI document names only in bodies."""
 
-_BODY, _SETTINGS_BODY = ({"content": json_content(one)} for one in SCHEMAS)
+_BODY = {"content": json_content(CameraCapture)}
+_SETTINGS_BODY = {"required": True, "content": json_content(SettingsRequest)}
 _PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
 _LOOK_SECONDS = 0.5
 _PROBLEMS = (
@@ -106,7 +107,7 @@ async def get_settings(
 @router.patch(
     "/cameras/{camera_id}/settings",
     response_model=CameraSettings,
-    openapi_extra={"requestBody": {"required": True, **_SETTINGS_BODY}},
+    openapi_extra={"requestBody": _SETTINGS_BODY},
     responses=responses(
         *_PROBLEMS,
         UploadTooLargeError,
