@@ -27,7 +27,7 @@ import httpx
 
 from drivers.clock import SystemClock
 from drivers.ptp.codes import Response
-from drivers.ptp.ip_packets import Greeting, PacketStream
+from drivers.ptp.ip_packets import PacketStream
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.body import Body, Refusal
 from drivers.sim.files import Shooting
@@ -119,10 +119,10 @@ class WatchedResponder(IpResponder):
 
     body: WatchedBody
 
-    def _welcome(self, stream: PacketStream, who: Greeting) -> None:
+    def _welcome(self, stream: PacketStream) -> None:
         begun = time.time()
         try:
-            super()._welcome(stream, who)  # raises once the initiator has left
+            super()._welcome(stream)  # raises once the initiator has left
         finally:
             self.body.diary.visits.append(Visit(begun, time.time()))
 

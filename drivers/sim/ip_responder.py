@@ -74,7 +74,8 @@ class IpResponder:
         try:
             kind, payload = stream.packet(time.monotonic() + _GREETING_S)
             if kind is PacketType.INIT_COMMAND_REQUEST:
-                self._welcome(stream, Greeting.decode(payload))
+                Greeting.decode(payload)  # raises where it is none; who asks does not matter
+                self._welcome(stream)
             elif kind is PacketType.INIT_EVENT_REQUEST and len(payload) == 4:
                 self._join(stream, int.from_bytes(payload, "little"))
             else:
@@ -84,7 +85,7 @@ class IpResponder:
         finally:
             stream.close()
 
-    def _welcome(self, stream: PacketStream, _who: Greeting) -> None:
+    def _welcome(self, stream: PacketStream) -> None:
         with self._lock:
             taken = self._client is not None
             if not taken:
