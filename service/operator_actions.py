@@ -137,7 +137,7 @@ class OperatorActions:
 
 
 @contextlib.contextmanager
-def open_desk(settings: Settings) -> Iterator[OperatorActions]:
+def open_actions(settings: Settings) -> Iterator[OperatorActions]:
     """Open the parts for as long as the block. Raises StartError."""
     with contextlib.ExitStack() as stack:
         engine = open_database(settings)

@@ -33,8 +33,8 @@ def list_jobs(
     """List jobs: id, state, stage, attempt, when made, owner."""
     from service.cli.display import print_json
 
-    with _desk() as desk:
-        found = desk.newest(state, limit)
+    with _actions() as actions:
+        found = actions.newest(state, limit)
         if as_json:
             print_json([_known(job) for job in found])
             return
@@ -52,8 +52,8 @@ def show(job_id: Id) -> None:
     """Print all that is known of a job, as JSON."""
     from service.cli.display import print_json
 
-    with _desk() as desk:
-        job = desk.find(job_id)
+    with _actions() as actions:
+        job = actions.find(job_id)
     print_json(_known(job))
 
 
@@ -75,28 +75,28 @@ def retry(job_id: Id) -> None:
 
     The old job stays as it ended: whoever was told so may rely on it.
     """
-    with _desk() as desk:
-        print(desk.retry(job_id))
+    with _actions() as actions:
+        print(actions.retry(job_id))
 
 
 @app.command()
 def confirm(job_id: Id) -> None:
     """Say that what a job asks for is done, like switching the flash."""
-    with _desk() as desk:
-        desk.confirm(job_id)
+    with _actions() as actions:
+        actions.confirm(job_id)
 
 
 @app.command()
 def cancel(job_id: Id) -> None:
     """Stop a job; print its state. One that has ended stays as it is."""
-    with _desk() as desk:
-        print(desk.cancel(job_id))
+    with _actions() as actions:
+        print(actions.cancel(job_id))
 
 
 @contextlib.contextmanager
-def _desk() -> Iterator[OperatorActions]:
-    from service.operator_actions import open_desk
+def _actions() -> Iterator[OperatorActions]:
+    from service.operator_actions import open_actions
     from service.settings import Settings
 
-    with open_desk(Settings()) as desk:
-        yield desk
+    with open_actions(Settings()) as actions:
+        yield actions
