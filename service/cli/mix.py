@@ -38,8 +38,9 @@ def mix(
 ) -> None:
     """Mix the lamps of a result, each as bright as you like.
 
-    And of any colour. A lamp that is not named stays as it is; all together are the photograph, of
-    --method paper nearly.
+    They may have any colour, too, and a lamp that is not named stays as it is. With no settings at
+    all the picture is the photograph without the flash, or nearly, where it was separated with
+    --method paper.
     """
     from pipeline.errors import InputError, reason_of
     from pipeline.mixes.mix_files import check_target, format_of, mix_files, read_manifest
@@ -75,9 +76,9 @@ def mix(
 
 
 def _head(picture: Path) -> bytes:
-    """The start of a picture, in which what this program writes in one size and format is alike.
+    """Read the start of a picture: the same in all mixes of one size and format.
 
-    What others write is not.
+    That of a photograph, or of another program's picture, differs.
     """
     with picture.open("rb") as file:
         return file.read(256)
