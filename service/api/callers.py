@@ -108,14 +108,14 @@ def _caller_of(request: Request, context: Context) -> Caller:
 
 
 class Standing:
-    """Whether a caller may still be told, who was let in when a stream began that goes on."""
+    """Whether the caller of a stream may still read it: a key may be revoked while it goes on."""
 
     def __init__(self, engine: sa.Engine, caller: Caller) -> None:
         self._engine, self._caller = engine, caller
         self._asked = time.monotonic()
 
     async def holds(self) -> bool:
-        """Ask the database, unless that was done just now; while it is away, nothing changes."""
+        """Ask the database, unless that was done just now; while it is away, the caller may."""
         if time.monotonic() - self._asked < STANDING_SECONDS:
             return True
         self._asked = time.monotonic()

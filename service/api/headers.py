@@ -21,8 +21,8 @@ DEFAULTS = {
 _STRICT_TRANSPORT = "max-age=31536000"
 
 _FRAMINGS = {b"content-length", b"transfer-encoding"}
-"""With both, a proxy may see the request end elsewhere than we do, and what follows them is not to
-be answered as another one (RFC 9112, section 6.1)."""
+"""A request with both may end elsewhere for a proxy than for us: what follows it is then not to be
+answered as another request (RFC 9112, section 6.1)."""
 
 METHODS = ["GET", "HEAD", "POST", "PATCH", "DELETE"]
 SENT = [

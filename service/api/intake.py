@@ -149,7 +149,7 @@ async def read_settings(request: Request, limit: int) -> CaptureSettings:
 
 
 async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
-    """Read a body of JSON; one that is empty, and may be, as an empty object. what: it is."""
+    """Read a body of JSON. what: it says. may_be_empty: read an empty one as an empty object."""
     body = await _limited(request, min(limit, _JSON_BYTES)).body()
     if may_be_empty and not body:
         return b"{}"
@@ -176,7 +176,7 @@ async def _form(request: Request, limit: int, directory: Path) -> Form:
 
 
 def _limited(request: Request, limit: int) -> Request:
-    """Have a request's body end in an error beyond so many bytes, and at once where it is packed.
+    """Limit a request's body to so many bytes, and refuse one that is compressed.
 
     Raises UnsupportedMediaError, UploadTooLargeError.
     """

@@ -15,7 +15,10 @@ _ALWAYS = "/healthz"
 
 
 class Limits:
-    """Refuses requests beyond a number, and ends those whose body stops coming, or by a stop."""
+    """Refuses requests beyond a number, and ends those whose body stops coming.
+
+    A request that a stop of the service cuts off is answered so, unless its answer has begun.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

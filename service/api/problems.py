@@ -62,8 +62,8 @@ log = logging.getLogger("service.api")
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
     """Write the OpenAPI entry of the problems a route answers with.
 
-    errors: those that it raises; what a job does not have yet it may never have. status: of
-    others, which any route may meet.
+    errors: those that it raises; NotReadyError brings EndedError along. status: of others, which
+    any route may meet.
     """
     also = (EndedError,) if NotReadyError in errors else ()
     own = [KINDS[error] for error in (*errors, *also)]

@@ -7,7 +7,7 @@ from fastapi.exceptions import RequestValidationError
 
 
 async def check_query(request: Request) -> None:
-    """Accept the parameters alone that the route declares, once. Raises RequestValidationError."""
+    """Accept only parameters that the route declares, each once. Raises RequestValidationError."""
     known = [field.alias for field in request.scope["route"].dependant.query_params]
     for name in request.query_params:
         if name not in known:
