@@ -86,10 +86,11 @@ class Attempt:
         )
 
     def run(self, pass_on: PassOn | None = None) -> bool:
-        """Do it. Every end but that of the worker is written to the job's row.
+        """Run the job. However it ends is written to its row, unless the worker itself ends.
 
-        pass_on: for a job of a newer service, which fails without. Whether it was passed on.
-        Whatever is raised has cut the attempt short: it needs another give_up().
+        pass_on: queues a job whose options only a newer worker knows; without it such a job fails.
+        True where it was passed on. Whatever is raised has cut the attempt short, and give_up() is
+        still to be called.
         """
         return self._trace(self._work, pass_on)
 
@@ -232,7 +233,7 @@ class Attempt:
                 cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
 
     def _is_elsewhere_perhaps(self, error: sandbox.TaskError) -> bool:
-        """Whether a camera was not found, and that on the USB of one of several hosts."""
+        """Whether a camera that was not found here may be on another host's USB."""
         here, camera = host.of_usb(self._engine), self._job.camera
         not_found = error.problem["type"] == problem_of(CameraNotFoundError(), "").type
         if not (not_found and here and camera):
@@ -242,7 +243,7 @@ class Attempt:
 
     @contextlib.contextmanager
     def _flash_left_off(self) -> Iterator[None]:
-        """Have the flash off where a process ends that had no time to see to it, or was lost."""
+        """Switch the flash off where the capture's process died before it could do so itself."""
         try:
             yield
         except sandbox.TaskError:  # its process has seen to it

@@ -19,8 +19,8 @@ ASK_SECONDS = 0.25
 class Stopping:
     """Ends an attempt whose job was canceled, taken over, deleted or is late, or whose worker ends.
 
-    ending: whether the worker ends. silence_seconds: after as many without a word of its worker
-    others take a job over.
+    ending: whether the worker ends. silence_seconds: how long a worker may be silent before others
+    take its jobs over.
     """
 
     def __init__(

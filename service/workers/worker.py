@@ -151,7 +151,10 @@ class Worker:
                 heartbeats.leave(connection, worker)
 
     def _forgotten(self, held: Iterable[Held]) -> set[Held]:
-        """What this worker has taken out of the queues, but the answer to that got lost."""
+        """Find what this worker took out of the queues without learning of it.
+
+        The database's answer got lost on the way.
+        """
         with self._idle:
             idle = {one for one in held if one.worker == self.id and one.work not in self._runs}
         # What came out just now is called for in a moment.
@@ -159,11 +162,12 @@ class Worker:
         return forgotten
 
     def run(self, job_id: str, again: int = 0) -> None:
-        """Run a job to its end, unless it is for a newer worker and has not waited long for one.
+        """Run a job until it has ended, or is queued once more for a newer worker.
 
-        Returns only when the job has ended, however, or is queued once more. again: how many times
-        it was. An attempt that is cut short is followed by another; it counts as lost, unless by
-        what may pass, like a database that is away.
+        That is for options that this worker does not know; after patience_seconds of the settings
+        they fail the job. again: how often it was queued so. An attempt that is cut short is
+        followed by another, and counts as lost unless what cut it short may pass, like a database
+        that is away.
         """
         self._alone(job_id, lambda: self._run(job_id, jobs.claim, _has_ended, again))
 
@@ -185,7 +189,7 @@ class Worker:
         self._alone(queued, lambda: self._sweep(thorough))
 
     def _alone(self, queued: str, work: Callable[[], object]) -> None:
-        """Do it once at a time; queued: what it is, as Held.work has it."""
+        """Do an entry of a queue, never twice at a time; queued: its name by Held.work."""
         with self._idle:
             # A job that was taken over while this worker was frozen may come back to it.
             self._idle.wait_for(lambda: queued not in self._runs)
@@ -257,7 +261,7 @@ class Worker:
 
     @contextlib.contextmanager
     def _working(self) -> Iterator[None]:
-        """Have a stop wait for what is done meanwhile. Once there is one, it never begins."""
+        """Have a stop of the worker wait for the block; once it stops, the block never begins."""
         with self._idle:
             stopping = self._stopping.is_set()
             self._busy += not stopping
@@ -330,7 +334,10 @@ class Worker:
             self._make_room(error)
 
     def _make_room(self, error: Exception) -> None:
-        """Where a full disk of the database was in the way: no sweep gets out of its queue then."""
+        """Remove files where an error is that of a database whose disk is full.
+
+        No sweep would: on such a disk none can be taken out of its queue.
+        """
         if not database.is_full(error):
             return
         try:
