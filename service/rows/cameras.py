@@ -194,8 +194,8 @@ def host_of(connection: sa.Connection, camera: str) -> str | None:
 
     Whichever camera is on USB is the one that was looked at last.
     """
-    place = (address_of(connection, camera) or "").rstrip("/")
-    ids = _same(connection, camera) if f"{place}//" in (_USB, _GPHOTO) else [camera]
+    address = address_of(connection, camera) or ""
+    ids = _same(connection, camera) if _is_any_on_usb(address) else [camera]
     noted = sa.and_(cameras.c.id.in_(ids), cameras.c.host.is_not(None))
     query = sa.select(cameras.c.host).where(noted).order_by(cameras.c.looked.desc()).limit(1)
     return connection.execute(query).scalar()
@@ -248,7 +248,12 @@ def _same(connection: sa.Connection, camera: str) -> list[str]:
 
 
 def _is_on_usb(address: str) -> bool:
-    return address.startswith((_USB, f"{_GPHOTO}usb")) or address.rstrip("/") == _GPHOTO.rstrip("/")
+    return address.startswith((_USB, f"{_GPHOTO}usb")) or _is_any_on_usb(address)
+
+
+def _is_any_on_usb(address: str) -> bool:
+    """Whether an address means whichever camera is on USB."""
+    return address.rstrip("/") in (_USB.rstrip("/"), _GPHOTO.rstrip("/"))
 
 
 def _may_be_one(one: str, other: str) -> bool:
