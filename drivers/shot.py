@@ -24,9 +24,9 @@ PATIENCE_S = 5.0
 """How long after the exposure a photograph may take to reach the card, events or not."""
 
 SETTLE_S = 0.3
-"""So long the card's list takes to settle: files may follow what events call complete.
+"""How long files may still reach the card after events have called the capture complete.
 
-Where the camera's setting of its format says which files come, they are enough.
+Not waited for where the camera's setting of its format says which files come, and all have come.
 """
 
 DOWNLOAD_ATTEMPTS = 4

@@ -293,9 +293,10 @@ class PtpCamera(Camera):
 
 
 def open_awake(address: str, connect: Callable[[], Transport], clock: Clock) -> PtpCamera:
-    """Open a camera by a fresh connection, and by a second one if the first only woke it.
+    """Open a camera by a fresh connection, and by a second one where the first fails.
 
-    Or if the first found the answer of a caller that was cut off: closing it has cleared that away.
+    The first may only have woken the camera, or have met the rest of an answer to a caller that was
+    cut off; closing it has cleared that away.
     """
     try:
         return PtpCamera(address, connect(), clock)
