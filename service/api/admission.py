@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from service.api.context import Context
 from service.api.idempotency import find_earlier
 from service.api.submission import Submission
-from service.room import check_disk, check_room
+from service.room import check_room
 
 
 def refuse_when_full(submission: Submission, coming: int = 1) -> None:
@@ -18,8 +17,3 @@ def refuse_when_full(submission: Submission, coming: int = 1) -> None:
         return
     context, owner = submission.context, submission.caller.owner
     check_room(context.engine, context.settings, context.storage, owner, coming)
-
-
-def refuse_when_disk_full(context: Context) -> None:
-    """Raise StorageFullError when the store's disk is nearly full."""
-    check_disk(context.settings, context.storage)

@@ -18,7 +18,6 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.api.admission import refuse_when_disk_full
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
 from service.api.headers import with_headers
@@ -39,7 +38,7 @@ from service.errors import (
     UnsupportedMediaError,
     UploadTooLargeError,
 )
-from service.room import check_room
+from service.room import check_disk, check_room
 from service.rows import quotas, uploads
 from service.rows.uploads import Upload
 
@@ -231,7 +230,7 @@ async def append_to_upload(
     if content_type != _PIECE:
         raise UnsupportedMediaError(f"Send the piece as {_PIECE}.")
     offset, checksum = _number("Upload-Offset", upload_offset), _checksum(upload_checksum)
-    await run_in_threadpool(refuse_when_disk_full, context)
+    await run_in_threadpool(check_disk, context.settings, context.storage)
     upload = await run_in_threadpool(_find, context, caller, upload_id)
     if offset != upload.received:
         raise OffsetError(
