@@ -11,8 +11,8 @@ import pytest
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from service.api.context import Context
 from service.rows import expiry, jobs
-from service.workers.attempt import Attempt
 from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
+from tests.unit.service.attempts import attempt_at
 
 Finish = Callable[[str, dict[str, bytes]], None]
 
@@ -144,10 +144,7 @@ def test_a_mix_whose_layers_are_deleted_fails_with_that_reason(
     http.delete(f"/jobs/{of}").raise_for_status()
     with context.engine.begin() as connection:
         held = jobs.claim(connection, mix["id"], "w")
-    assert held is not None
-    Attempt(
-        held, context.engine, context.storage, context.settings, context.fork_server, lambda: False
-    ).run()
+    attempt_at(held, context).run()
 
     failed = http.get(f"/jobs/{mix['id']}").json()
 

@@ -24,11 +24,11 @@ from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
 from service.workers import sandbox
-from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored
 from tests.unit.service.at_first import at_first, raising
+from tests.unit.service.attempts import attempt_at
 
 Run = Callable[[], jobs.Job | None]
 
@@ -56,15 +56,7 @@ def run(context: Context) -> Run:
         with context.engine.begin() as connection:
             jobs.add(connection, values)
             held = jobs.claim(connection, "a", "w")
-        assert held is not None
-        Attempt(
-            held,
-            context.engine,
-            context.storage,
-            context.settings,
-            context.fork_server,
-            lambda: False,
-        ).run()
+        attempt_at(held, context).run()
         with context.engine.connect() as connection:
             return jobs.find(connection, "a")
 
@@ -220,11 +212,8 @@ def test_calibrations_for_a_setup_alone_are_kept_for_ever(
     with context.engine.begin() as connection:
         jobs.add(connection, values)
         held = jobs.claim(connection, "a", "w")
-    assert held is not None
     settings = context.settings.model_copy(update={"retention_days": 2.0})
-    attempt = Attempt(
-        held, context.engine, context.storage, settings, context.fork_server, lambda: False
-    )
+    attempt = attempt_at(held, context, settings)
     assert attempt.fail({"type": "urn:lightlayers:problem:internal"})
     ended = stored(context.engine, "a")
     assert ended.finished is not None

@@ -23,6 +23,7 @@ from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored, stored_job
 from tests.unit.service.at_first import raising
+from tests.unit.service.attempts import attempt_at
 
 TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
 
@@ -30,9 +31,7 @@ TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
 def _attempt(context: Context, job_id: str) -> Attempt:
     with context.engine.begin() as connection:
         held = jobs.claim(connection, job_id, "w")
-    assert held is not None
-    server, settings = context.fork_server, context.settings
-    return Attempt(held, context.engine, context.storage, settings, server, lambda: False)
+    return attempt_at(held, context)
 
 
 def test_a_database_that_is_away_when_the_camera_is_noted_costs_no_second_calibration(

@@ -21,6 +21,7 @@ from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import Task
 from tests.unit.service.at_first import raising
+from tests.unit.service.attempts import attempt_at
 
 PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
 TOLD = {"settings": {"iso": 400}, "info": None}
@@ -37,15 +38,7 @@ def capture(context: Context) -> Callable[[], Attempt]:
     def make() -> Attempt:
         with context.engine.begin() as connection:
             held = cameras.claim(connection, "a", "w")
-        assert held is not None
-        return Attempt(
-            held,
-            context.engine,
-            context.storage,
-            context.settings,
-            context.fork_server,
-            lambda: False,
-        )
+        return attempt_at(held, context)
 
     return make
 
@@ -139,8 +132,7 @@ def test_a_pair_that_was_taken_outlasts_all_that_comes_after(
             held = jobs.claim(connection, "a", "w")
         assert held is not None and held.attempt == attempt
         monkeypatch.setattr(sandbox, "run", raising(error))
-        settings, server = context.settings, context.fork_server
-        Attempt(held, context.engine, context.storage, settings, server, lambda: False).run()
+        attempt_at(held, context).run()
         assert _job(context).state == state
         assert context.storage.list("jobs/a/") == pair
 
@@ -248,7 +240,6 @@ def test_a_camera_on_usb_that_is_sought_on_the_wrong_host_is_told_with_what_to_d
         camera = cameras.add(connection, address)
         jobs.add(connection, row | {"camera": camera, "capture": {"camera": address}})
         held = cameras.claim(connection, "a", "w")
-    assert held is not None
 
     def run(*_arguments: object) -> None:
         error = CameraNotFoundError("No camera is on USB.")
@@ -256,10 +247,7 @@ def test_a_camera_on_usb_that_is_sought_on_the_wrong_host_is_told_with_what_to_d
 
     monkeypatch.setattr(sandbox, "run", run)
     monkeypatch.setattr(host, "of_usb", lambda _engine: here)
-    settings, server = context.settings, context.fork_server
-    Attempt(held, context.engine, context.storage, settings, server, lambda: False).capture(
-        lambda _connection: None
-    )
+    attempt_at(held, context).capture(lambda _connection: None)
     failed = _job(context)
     assert failed.state == State.FAILED and failed.error
     sentence, _, advice = failed.error["detail"].partition(
@@ -286,12 +274,9 @@ def test_the_switch_of_a_flash_is_told_off_where_the_process_of_a_capture_could_
         camera = cameras.add(connection, "sim://studio")
         jobs.add(connection, row | {"camera": camera, "capture": asked})
         held = cameras.claim(connection, "a", "w")
-    assert held is not None
     told: list[str] = []
     monkeypatch.setattr(sandbox, "run", raising(error))
     monkeypatch.setattr("service.workers.attempt.leave_flash_off", told.append)
     settings = context.settings.model_copy(update={"flash_switch": "relay {state}"})
-    Attempt(
-        held, context.engine, context.storage, settings, context.fork_server, lambda: False
-    ).capture(lambda _connection: None)
+    attempt_at(held, context, settings).capture(lambda _connection: None)
     assert told == orders
