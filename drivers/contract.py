@@ -33,7 +33,7 @@ def require_kept(told: SettingValue, setting: Setting) -> None:
 
 
 def require_size(size: int, into: memoryview | None) -> None:
-    """Raise TransferError where there is room, for a file of another size than it now has."""
+    """Raise TransferError where `into` was made for another size than the file now has."""
     if into is not None and len(into) != size:
         raise TransferError(
             f"The camera says {size} bytes where it said {len(into)} before: try again."

@@ -88,7 +88,7 @@ class Held:
 
     @property
     def work(self) -> str:
-        """What is to be done once at a time: its id, of a job that was put back the job's own."""
+        """Name of the work, done once at a time: the id without how often it was put back."""
         return _AGAIN.sub("", self.id)
 
     @property

@@ -1,4 +1,4 @@
-"""Makes jobs of what was read of requests, each in a thread of those for what it needs."""
+"""Makes jobs of what was read of requests, each in one of the threads for what it waits for."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ async def make_job(submission: Submission, wanted: Intake) -> Accepted:
 async def queue_captures(
     context: Context, named: dict[str, Any], work: Callable[[], Accepted]
 ) -> Accepted:
-    """Accept captures in a thread that no store holds up, but where calibrations are read of it.
+    """Accept captures in a thread that no store holds up, unless calibrations are read from it.
 
     named: calibrations, as an Intake has them. Raises what the work raises.
     """

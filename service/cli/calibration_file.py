@@ -1,4 +1,4 @@
-"""The file that a calibration writes and the picture of its marks, which cost nobody a file."""
+"""Writes a calibration's file and the picture of its marks, and over no file of anybody else's."""
 
 from __future__ import annotations
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def loading() -> Iterator[None]:
-    """While modules are loaded look for no garbage: there is none, and all would be gone through.
+    """Collect no garbage while modules are loaded: there is none, and looking for it takes time.
 
-    What is there at the end is not gone through later either.
+    What has been loaded is left out of later collections, too.
     """
     gc.disable()
     try:

@@ -124,10 +124,10 @@ class Track:
 def etas(
     connection: sa.Connection, settings: Settings, shown: Iterable[Job], places: Mapping[str, int]
 ) -> dict[str, float]:
-    """When jobs are likely to end, in seconds since 1970; those of which nothing is known lack.
+    """When jobs are likely to end, by id, in seconds since 1970, as far as that can be told.
 
-    places: position in the queue of those that wait. A worker writes the time of what it runs; one
-    that has passed is not known any more.
+    places: position in the queue of those that wait. For a job that runs its worker writes the
+    time; one that has passed tells nothing any more.
     """
     shown = list(shown)
     if all(job.ended for job in shown):

@@ -12,9 +12,9 @@ from service.rows.states import State, before
 
 
 def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) -> int:
-    """Set when up to `limit` ended jobs expire that were to be kept for ever; how many it were.
+    """Give ended jobs that were to be kept for ever a time at which they expire; how many got one.
 
-    Calibrations that are kept for a set-up are not among them.
+    Up to `limit` at once, and no calibration that is kept for a set-up.
     """
     dateless, kept = jobs.c.expires.is_(None), (jobs.c.state == State.SUCCEEDED) & KEPT_FOR_SETUP
     endless = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), dateless, ~kept)

@@ -22,7 +22,7 @@ NO_REQUEST: dict[str, None] = {"request": None, "request_until": None}
 def move(
     connection: sa.Connection, state: State, which: sa.ColumnElement[bool], **values: Any
 ) -> bool:
-    """Take jobs to a state, those of them that may go there; whether it was one.
+    """Take jobs to a state, as far as they may go there; true when exactly one did.
 
     values: what else becomes of their columns.
     """
@@ -48,7 +48,7 @@ def end(
     keep_seconds: float | None,
     **values: Any,
 ) -> bool:
-    """Take jobs to a state in which they end; the one way in which they do. Whether it was one.
+    """Take jobs to a state in which they end; true when exactly one did. No job ends otherwise.
 
     keep_seconds: how long they are kept from now on; None: for ever.
     """
