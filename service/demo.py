@@ -30,7 +30,7 @@ from pipeline.errors import InputError
 from pipeline.options import Options
 from pipeline.result_names import LAYERS, MANIFEST, lamp_name, layer_channels
 from service.cli.display import print_results, stage_bar
-from service.cli.folder import new_results
+from service.cli.results_folder import new_results
 from service.sending.client import Client, RefusedError, ServiceAwayError
 from service.workers import processes
 

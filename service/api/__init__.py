@@ -27,9 +27,9 @@ from service.api import (
     results,
     tus,
 )
-from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
 from service.api.limits import Limits
+from service.api.named_calibrations import allow_calibrations
 from service.api.queries import check_query
 from service.api.trace_ids import TraceIds
 from service.errors import ForbiddenError, ForeignHostError, ForeignOriginError, UnauthorizedError

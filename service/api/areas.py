@@ -16,7 +16,7 @@ from pipeline.errors import OptionError
 from pipeline.result_names import LAYERS, layer_channels
 from service.api.callers import Calling
 from service.api.context import Parts
-from service.api.finished import find_result, find_succeeded
+from service.api.find_results import find_result, find_succeeded
 from service.api.problems import responses
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
 from service.object_keys import results_key

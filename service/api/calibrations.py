@@ -11,13 +11,13 @@ from fastapi.concurrency import run_in_threadpool
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake, pair_form
-from service.api.accepted import accepted
+from service.api.accepted_job import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content, schema_of
 from service.api.callers import Calling
 from service.api.context import Parts
-from service.api.dispatch import make_job
 from service.api.job_answers import answer_made
+from service.api.make_job import make_job
 from service.api.models import Calibrated, CalibrationCaptureRequest, CalibrationRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses

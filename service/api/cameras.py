@@ -20,13 +20,13 @@ from service import answers
 from service.allowed import check_camera
 from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
-from service.api.accepted import accepted
+from service.api.accepted_job import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
 from service.api.callers import Caller, Calling, Standing
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
-from service.api.dispatch import queue_captures
+from service.api.make_job import queue_captures
 from service.api.models import CameraCapture, SettingsRequest
 from service.api.problems import responses
 from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events

@@ -13,15 +13,15 @@ import drivers
 from pipeline.errors import OptionError, counted
 from pipeline.options import Options
 from service.allowed import check_camera, check_flash
-from service.api.accept import check_webhook, make_row
-from service.api.accepted import Accepted
+from service.api.accept_pair import check_webhook, make_row
+from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
-from service.api.calibrated import complete
 from service.api.callers import Caller, find
 from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
 from service.api.models import CameraCapture, Handling
+from service.api.named_calibrations import complete
 from service.api.submission import Submission
 from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError

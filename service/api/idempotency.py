@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api.accepted import Accepted
+from service.api.accepted_job import Accepted
 from service.api.intake import Intake
 from service.api.submission import Submission
 from service.errors import IdempotencyError

@@ -7,7 +7,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from service import answers
 from service.answers import JobAnswer
-from service.api.accepted import Accepted
+from service.api.accepted_job import Accepted
 from service.api.callers import Caller, find
 from service.api.context import Context
 from service.api.submission import Submission

@@ -14,13 +14,13 @@ from pipeline.options import Options
 from service import answers, steering
 from service.answers import JobAnswer, JobPage
 from service.api import captures, intake, pair_form
-from service.api.accepted import accepted
+from service.api.accepted_job import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content, schema_of
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
-from service.api.dispatch import make_job
 from service.api.job_answers import answer, answer_made
+from service.api.make_job import make_job
 from service.api.models import CaptureRequest, Handling, UploadsRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses

@@ -8,11 +8,11 @@ from fastapi.concurrency import run_in_threadpool
 from pipeline.errors import InputError
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept import accept
-from service.api.accepted import Accepted, accepted
+from service.api.accept_pair import accept_pair
+from service.api.accepted_job import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
-from service.api.finished import find_succeeded
+from service.api.find_results import find_succeeded
 from service.api.idempotency import hash_of, replay
 from service.api.job_answers import answer_made
 from service.api.models import MixJob
@@ -59,4 +59,4 @@ def _accept(submission: Submission, wanted: intake.Intake) -> Accepted:
     context, options = submission.context, wanted.options
     source = find_succeeded(context, submission.caller, options.of)
     check_mix(context.storage, source, options.mix)
-    return accept(submission, wanted)
+    return accept_pair(submission, wanted)

@@ -9,15 +9,15 @@ from fastapi import APIRouter, Request, Response
 from pipeline.errors import OptionError
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept import check_webhook, commit
-from service.api.accepted import Accepted, accepted
+from service.api.accept_pair import check_webhook, commit
+from service.api.accepted_job import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
-from service.api.calibrated import fill_in
 from service.api.callers import find
 from service.api.idempotency import as_asked, digest, replay
 from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
+from service.api.named_calibrations import fill_in
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting
 from service.copy_pair import copy_pair

@@ -15,7 +15,7 @@ from pipeline.result_names import MANIFEST
 from pipeline.run_warnings import Code
 from service.api.callers import Calling
 from service.api.context import Context, Parts
-from service.api.finished import find_result, find_succeeded
+from service.api.find_results import find_result, find_succeeded
 from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range

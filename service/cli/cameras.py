@@ -162,7 +162,7 @@ def _take(
     """Take and save one pair; its name and its files, and what takes it off the card."""
     from pipeline.errors import InputError, reason_of
     from service import durable
-    from service.cli.folder import new_results
+    from service.cli.results_folder import new_results
     from service.sending.recipe import Recipe
 
     with new_results(output) as folder:

@@ -74,9 +74,9 @@ def separate(
         from pipeline.process import separate_files
         from pipeline.progress import Progress
         from service.cli.display import print_results, stage_bar
-        from service.cli.folder import new_results
         from service.cli.keeping import kept_for
-        from service.cli.session import separate_folder
+        from service.cli.results_folder import new_results
+        from service.cli.separate_folder import separate_folder
 
         prepare()
     options = flags.options()
@@ -180,7 +180,7 @@ def submit(
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
     from service.cli.display import print_results, stage_bar
-    from service.cli.folder import new_results
+    from service.cli.results_folder import new_results
     from service.sending.client import Client
 
     options = flags.options()
@@ -210,8 +210,8 @@ def report(
 
     Pictures, lamps, warnings and figures are in it; it loads nothing.
     """
-    from service.cli.folder import REPORT
     from service.cli.report import write_report
+    from service.cli.results_folder import REPORT
 
     print(shown(write_report(folder, output or folder / REPORT)))
 

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 
 from drivers import SettingName, SettingValue
 from pipeline.options import Options
-from service.api import accept
+from service.api import accept_pair
 from service.api.context import Context
 from service.api.idempotency import hash_of
 from service.api.intake import Intake
@@ -97,7 +97,7 @@ def test_a_request_that_settings_have_come_to_forbid_gives_its_job_again(
     server: tuple[FastAPI, str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(accept, "_check", lambda *_photographs: None)
+    monkeypatch.setattr(accept_pair, "_check", lambda *_photographs: None)
     webhook = {"url": "http://example.org/done", "secret": "whsec_" + "a" * 32}
     camera = {"camera": "sim://studio"}
     source = post_capture(http)["id"] if way == "a burst" else stored_job(context)

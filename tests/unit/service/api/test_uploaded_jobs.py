@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.api.context import Context
-from service.api.uploaded import bring_uploaded
+from service.api.uploaded_pairs import bring_uploaded
 from service.frames import FRAMES
 from service.rows import database
 from tests.unit.service.asking import problem_of, rows_of
@@ -79,11 +79,11 @@ class TestJobs:
         first: list[httpx.Response] = []
 
         def bring_late(*arguments: Any) -> dict[str, str]:
-            monkeypatch.setattr("service.api.accept.bring_uploaded", bring_uploaded)
+            monkeypatch.setattr("service.api.accept_pair.bring_uploaded", bring_uploaded)
             first.append(send())
             return bring_uploaded(*arguments)
 
-        monkeypatch.setattr("service.api.accept.bring_uploaded", bring_late)
+        monkeypatch.setattr("service.api.accept_pair.bring_uploaded", bring_late)
         later = send()
         assert (first[0].status_code, later.status_code) == (202, 202)
         assert later.json()["id"] == first[0].json()["id"]

@@ -14,15 +14,15 @@ from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
 from service import allowed, tracing
-from service.api.accepted import Accepted
+from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
-from service.api.calibrated import complete
 from service.api.context import Context
 from service.api.idempotency import hash_of, replay
 from service.api.intake import Intake
 from service.api.models import Handling
+from service.api.named_calibrations import complete
 from service.api.submission import Submission
-from service.api.uploaded import bring_uploaded, take_over
+from service.api.uploaded_pairs import bring_uploaded, take_over
 from service.errors import (
     AttemptError,
     CrashError,
@@ -58,7 +58,7 @@ _BUSY: dict[type[AttemptError], str] = {
 """What a sound pair meets, too, where the machine has too much to do or too little memory."""
 
 
-def accept(submission: Submission, wanted: Intake) -> Accepted:
+def accept_pair(submission: Submission, wanted: Intake) -> Accepted:
     """Store the pair for good, then commit row and queue entry together.
 
     An idempotency key that made a job already gives that job; of requests that come at once, one

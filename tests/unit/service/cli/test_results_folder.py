@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from pipeline.errors import InputError
-from service.cli.folder import new_results
 from service.cli.report import write_report
+from service.cli.results_folder import new_results
 
 MANIFEST: dict[str, Any] = {
     "inputs": {"no_flash": {}, "flash": {}},
@@ -149,7 +149,8 @@ def test_a_failure_leaves_earlier_results_alone(tmp_path: Path) -> None:
 
 def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
     program = (
-        "import os, sys; from pathlib import Path; from service.cli.folder import new_results\n"
+        "import os, sys; from pathlib import Path\n"
+        "from service.cli.results_folder import new_results\n"
         "with new_results(Path(sys.argv[1])) as folder:\n"
         "    (folder / 'lamp1.tif').write_text('half'); os.kill(os.getpid(), 9)"
     )

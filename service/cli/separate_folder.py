@@ -20,8 +20,8 @@ from service.cli import signals
 from service.cli.display import chip_of, print_json, stage_bar, temperature_of
 from service.cli.explain import explain
 from service.cli.files import read_file, shown
-from service.cli.folder import new_results
 from service.cli.keeping import kept_for
+from service.cli.results_folder import new_results
 from service.cli.shooting import RECIPE, say
 
 _NO_FLASH, _FLASH = "_no_flash.", "_flash."

@@ -8,8 +8,8 @@ from typing import Any
 
 from fastapi.concurrency import run_in_threadpool
 
-from service.api.accept import accept
-from service.api.accepted import Accepted
+from service.api.accept_pair import accept_pair
+from service.api.accepted_job import Accepted
 from service.api.captures import accept_capture
 from service.api.context import Context
 from service.api.intake import Intake
@@ -17,9 +17,12 @@ from service.api.submission import Submission
 
 
 async def make_job(submission: Submission, wanted: Intake) -> Accepted:
-    """Make a job of a pair that was sent, or of a capture. Raises what the two `accept` raise."""
+    """Make a job of a pair that was sent, or of a capture.
+
+    Raises what accept_pair and accept_capture raise.
+    """
     if wanted.capture is None:
-        return await submission.context.store(accept, submission, wanted)
+        return await submission.context.store(accept_pair, submission, wanted)
     work = partial(accept_capture, submission, wanted)
     return await queue_captures(submission.context, wanted.calibrations, work)
 
