@@ -74,9 +74,9 @@ def _place(fault: Mapping[str, Any]) -> tuple[int | str, ...]:
     location: tuple[int | str, ...] = tuple(fault["loc"])
     if fault["type"] == "json_invalid":
         return ()
-    if fault["type"] == "extra_forbidden":  # the last part is what somebody wrote
-        return location
-    return tuple(part for part in location if not _BRANCH.fullmatch(str(part)))
+    own = 1 if fault["type"] == "extra_forbidden" else 0  # the last part is what somebody wrote
+    within, written = location[: len(location) - own], location[len(location) - own :]
+    return (*(part for part in within if not _BRANCH.fullmatch(str(part))), *written)
 
 
 def _message(fault: Mapping[str, Any]) -> str:

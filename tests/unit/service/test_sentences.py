@@ -10,6 +10,8 @@ from pipeline.errors import OptionError
 from pipeline.options import Options
 from service.sentences import describe_fault, in_words, sentence_of
 
+TABLE = {"wavelength_nm": [400, 700], "r": [1, 2], "g": [2, 1], "b": [1, 1]}
+
 
 @pytest.mark.parametrize(
     ("options", "expected"),
@@ -25,6 +27,12 @@ from service.sentences import describe_fault, in_words, sentence_of
         ({"light_directions": [1]}, "light direction 1: Input should be a valid object."),
         ({"setup": "my table"}, "setup: such a name has 1 to 40 of the letters"),
         ({"int": 1}, "int: this name is not known."),
+        ({"response": {"spectral_data": {}}}, "response.wavelength_nm: Field required."),
+        ({"camera": {**TABLE, "version": 2}}, "camera.version: this name is not known."),
+        (
+            {"response": {"taken_with": {"lens": ""}}},
+            "response.taken_with.lens: this name is not known.",
+        ),
         ({"lights": 0, "focal_px": -1}, "lights: Input should be 'auto', 1, 2 or 3."),
     ],
 )
@@ -33,6 +41,7 @@ def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expe
         Options.model_validate(options)
     sentence = sentence_of(caught.value)
     assert expected.lower() in sentence.lower()
+    assert "function-" not in sentence
     assert sentence.endswith(".")
     assert "\n" not in sentence
 
