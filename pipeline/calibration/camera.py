@@ -67,7 +67,7 @@ def estimate_camera(
     if not misfit <= _NO_CHART:  # NaN neither
         raise UnusablePairError(
             f"No camera explains the patches' colours, which stay off by {misfit:.0%}: check the "
-            "corners and the flash."
+            "corners and the flash, and keep gloss and shadows off the patches."
         )
     return CameraEstimate(sensitivities / sensitivities.max(), nearest, flash, misfit)
 

@@ -61,7 +61,7 @@ def estimate_flash(patches: Patches, sensitivities: Floats64) -> FlashEstimate:
     if not misfit <= _NO_CHART:  # NaN neither
         raise UnusablePairError(
             f"No flash explains the patches' colours, which stay off by {misfit:.0%}: check the "
-            "marks and the camera."
+            "marks and the camera, and keep gloss and shadows off the patches."
         )
     return FlashEstimate(spectrum, FAMILY[int(np.argmax(evidence))], misfit)
 

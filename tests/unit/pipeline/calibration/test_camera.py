@@ -162,7 +162,7 @@ def test_a_chart_that_no_camera_explains_is_refused() -> None:
     blind = Camera("blind", np.ones((3, 81)) * [[1.0], [0.9], [0.8]], "measured")
     shuffled = colorchecker_spectra()[np.random.default_rng(1).permutation(24)]
     patches = _chart(sensitivities("Nikon D5100"), XENON, shuffled)
-    with pytest.raises(UnusablePairError, match="No camera explains the patches' colours"):
+    with pytest.raises(UnusablePairError, match=r"No camera explains .* gloss and shadows"):
         estimate_camera(patches, {"xenon": XENON}, [blind])
 
 

@@ -96,7 +96,8 @@ def test_light_that_is_no_number_is_refused() -> None:
 
 def test_a_chart_that_no_flash_explains_is_refused() -> None:
     wrong = S[[2, 0, 1]]
-    with pytest.raises(UnusablePairError, match="No flash explains the patches' colours"):
+    causes = "check the marks and the camera, and keep gloss and shadows off the patches"
+    with pytest.raises(UnusablePairError, match=f"No flash explains the patches' .* {causes}"):
         estimate_flash(_chart(find_light("xenon"), colorchecker_spectra(), wrong), S)
 
 
