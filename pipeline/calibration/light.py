@@ -48,7 +48,8 @@ def mean_light(pair: Pair, mask: Mask, what: str) -> Lights:
     """Mean light (3,) of an area that shows one surface.
 
     mask: bool (H, W). what: the area as messages call it. Raises OptionError for an area too
-    small, UnusablePairError where it is clipped or the flash does not reach it.
+    small, UnusablePairError where it is clipped or the flash does not reach it, or it lacks a
+    colour, as deep ones do where they were rendered to sRGB.
     """
     if mask.sum() < _LEAST_PIXELS:
         raise OptionError(
@@ -63,8 +64,16 @@ def mean_light(pair: Pair, mask: Mask, what: str) -> Lights:
     open_ = mask & ~pair.unusable
     no_flash, flash = (frame[open_].mean(axis=0) for frame in (pair.no_flash, pair.flash))
     found = lights_of(pair, no_flash, flash, float(open_.sum()))
-    if (found.flash <= _UNLIT * np.sqrt(found.flash_variance)).any():
+    unlit = found.flash <= _UNLIT * np.sqrt(found.flash_variance)
+    if unlit.all():
         raise UnusablePairError(
             f"The flash does not reach {what}: bring it nearer or raise its power."
+        )
+    if unlit.any():
+        colours = " and no ".join(np.array(["red", "green", "blue"])[unlit])
+        raise UnusablePairError(
+            f"{what[:1].upper()}{what[1:]} shows no {colours} in the light of the flash: bring "
+            "it nearer or raise its power. JPEGs and other renderings cut off colours that sRGB "
+            "does not hold: send RAW files, or mark a grey card."
         )
     return found

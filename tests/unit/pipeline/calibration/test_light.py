@@ -93,8 +93,22 @@ def test_the_flash_reaches_where_its_faintest_channel_is_told_from_noise(
     if reached:
         assert mean_light(pair, _middle(), "the card").flash[2] == pytest.approx(blue, rel=1e-3)
     else:
-        with pytest.raises(UnusablePairError, match="flash does not reach the card"):
+        with pytest.raises(UnusablePairError, match="The card shows no blue in the light of"):
             mean_light(pair, _middle(), "the card")
+
+
+def test_colours_that_a_rendering_cut_off_are_told(pair_of: Callable[..., Pair]) -> None:
+    """Of a deep cyan, whose red is below what sRGB holds, near the flash."""
+    lit = np.full((40, 40, 3), 0.2)
+    shot = Shot((lit, lit + np.array([-0.01, 0.2, 0.3])), (b"", b""))
+    pair = pair_of(shot, no_flash_noise=_NOISE, flash_noise=_NOISE)
+    with pytest.raises(UnusablePairError) as caught:
+        mean_light(pair, _middle(), "patch 18 of the chart")
+    assert str(caught.value) == (
+        "Patch 18 of the chart shows no red in the light of the flash: bring it nearer or raise "
+        "its power. JPEGs and other renderings cut off colours that sRGB does not hold: send RAW "
+        "files, or mark a grey card."
+    )
 
 
 def test_areas_that_tell_nothing_are_refused(flat: Callable[..., Pair]) -> None:
