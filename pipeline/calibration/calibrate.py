@@ -14,6 +14,7 @@ from pipeline.calibration.camera import estimate_camera, is_unlikely
 from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
+from pipeline.calibration.flash_doubts import flash_doubts
 from pipeline.calibration.lamps import estimate_lamps
 from pipeline.calibration.mirror import mirror_lamps
 from pipeline.calibration.named import named_warnings
@@ -49,7 +50,6 @@ from pipeline.taken_with import TakenWith
 
 _FAR_ASIDE_DEG = 5.0  # of the flash beside the lens, seen from the sphere
 _GREY_CARD = 0.18  # reflectance
-_CARD_MISFIT = 0.02  # white flashes and those behind weak gels stay below
 
 
 @dataclass(frozen=True)
@@ -159,14 +159,7 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
         assert card is not None
         patches = read_card(pair, card)
     flash = estimate_flash(patches, camera.sensitivities)
-    if card is not None and flash.misfit > _CARD_MISFIT:
-        message = (
-            f"No flash that is known has the light of the card, which stays off by "
-            f"{flash.misfit:.1%}, and with it all colours: check that the mark is on a grey card, "
-            "and the camera. A flash behind a strong gel is told better by a ColorChecker."
-        )
-        figures = {"misfit": flash.misfit}
-        warnings.append(RunWarning(Code.FLASH_DOUBTFUL, message, figures))
+    warnings += flash_doubts(flash, patches, camera, frame)
     white = cct_duv(cie_1931() @ flash.spectrum)
     table = Spectrum(
         wavelength_nm=WAVELENGTHS_NM.tolist(),

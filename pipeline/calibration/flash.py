@@ -66,6 +66,11 @@ def estimate_flash(patches: Patches, sensitivities: Floats64) -> FlashEstimate:
     return FlashEstimate(spectrum, FAMILY[int(np.argmax(evidence))], misfit)
 
 
+def log_evidence(patches: Patches, sensitivities: Floats64) -> float:
+    """Log evidence of the likeliest light of FAMILY for what a camera (3, W) saw of the patches."""
+    return max(_of_member(patches, sensitivities, packaged_light(name))[1] for name in FAMILY)
+
+
 def _of_member(patches: Patches, s: Floats64, member: Floats64) -> tuple[Floats64, float]:
     """Estimate (W,) about one member of the family, and its log evidence."""
     spectrum, evidence = member, 0.0

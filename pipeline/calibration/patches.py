@@ -51,5 +51,13 @@ class Patches:
 
     def misfit(self, predicted: Floats64) -> float:
         """Root mean square error of a prediction (n, 3), relative to each patch's light."""
-        scale = self.flash + _POOR_WEIGHT * self.flash.max()
-        return float(np.sqrt(np.mean(np.square((predicted - self.flash) / scale))))
+        return float(np.sqrt(np.mean(np.square((predicted - self.flash) / self._scale))))
+
+    @property
+    def noise(self) -> float:
+        """Misfit that noise alone leaves."""
+        return float(np.sqrt(np.mean(self.variance / np.square(self._scale))))
+
+    @property
+    def _scale(self) -> Floats64:
+        return np.asarray(self.flash + _POOR_WEIGHT * self.flash.max())

@@ -124,6 +124,20 @@ def test_a_card_in_light_like_no_flash_is_warned_of(
     assert _of_the_flash(by_chart) == []
 
 
+@pytest.mark.parametrize(("shift", "codes"), [(0, []), (1, ["camera_doubtful"])])
+def test_a_camera_named_that_is_not_the_files_is_warned_of(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shift: int, codes: list[str]
+) -> None:
+    """By five nanometres, as like models are."""
+    exif: Any = {"make": "NIKON", "model": "D5100", "encoding": "raw"}
+    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), **exif))
+    r, g, b = np.roll(S, shift, axis=1).tolist()
+    table = {"wavelength_nm": WAVELENGTHS_NM.tolist(), "r": r, "g": g, "b": b}
+    manifest = run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
+    said = [warning["code"] for warning in manifest["warnings"]]
+    assert [code for code in said if code.endswith("doubtful")] == codes
+
+
 def _of_the_flash(manifest: dict[str, Any]) -> list[str]:
     warnings = manifest["warnings"]
     return [warning["message"] for warning in warnings if warning["code"] == "flash_doubtful"]

@@ -56,6 +56,14 @@ def test_misfit_is_relative_with_dark_patches_counting_little() -> None:
     assert _patches(flash).misfit(off) == pytest.approx(np.sqrt(1 / 24))
 
 
+def test_noise_alone_is_a_misfit_by_the_same_measure() -> None:
+    flash = np.full((24, 3), 1.0)
+    variance = np.full((24, 3), 0.051**2)
+    noisy = Patches(flash, variance, colorchecker_spectra(), _PLACES)
+    assert noisy.noise == pytest.approx(0.05)
+    assert noisy.noise == pytest.approx(noisy.misfit(flash + 0.051))
+
+
 def test_the_tolerance_adds_noise_pigments_and_glare() -> None:
     flash = np.full((24, 3), 0.5)
     flash[0] = 1.0
