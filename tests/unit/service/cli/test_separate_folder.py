@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import UnusablePairError
-from service.cli import run, session, signals
+from service.cli import run, separate_folder, signals
 from service.workers.shortage import TOLD
 
 Photograph = Callable[..., None]
@@ -60,7 +60,7 @@ def separated(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bool, bool]]:
         (folder / "manifest.json").write_text(json.dumps(MANIFEST))
         return MANIFEST
 
-    monkeypatch.setattr(session, "separate_files", separate)
+    monkeypatch.setattr(separate_folder, "separate_files", separate)
     return seen
 
 
@@ -143,7 +143,7 @@ def test_a_damaged_photograph_is_a_failure_and_another_file_is_not(
     [
         (MemoryError(), TOLD),
         (OSError(28, "No space left on device"), "0n cannot be written: no space left on device."),
-        (ZeroDivisionError("Light."), "please report it: ZeroDivisionError in test_session.py"),
+        (ZeroDivisionError("Light."), f"report it: ZeroDivisionError in {Path(__file__).name}"),
     ],
 )
 def test_whatever_ends_one_pair_the_others_are_separated_and_told(
@@ -163,7 +163,7 @@ def test_whatever_ends_one_pair_the_others_are_separated_and_told(
             raise error
         return MANIFEST
 
-    monkeypatch.setattr(session, "separate_files", separate)
+    monkeypatch.setattr(separate_folder, "separate_files", separate)
     assert _separate(tmp_path, "--json") == 2
     first, second = json.loads(capsys.readouterr().out)["pairs"]
     assert told in first["error"]
@@ -184,7 +184,7 @@ def test_a_signal_that_a_loop_made_an_error_of_ends_all(
         monkeypatch.setattr(signals, "_received", [15])
         raise SystemError("a loop returned a result with an exception set")
 
-    monkeypatch.setattr(session, "separate_files", separate)
+    monkeypatch.setattr(separate_folder, "separate_files", separate)
     assert _separate(tmp_path) == 143
     assert tried == ["a pair"]
 

@@ -82,7 +82,7 @@ def test_a_program_is_told_of_each_line_that_is_waited_for(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    brightness = [1.0, 2.0]
+    brightness = [2.0, 1.0]
     decoded = SimpleNamespace(pixels=np.array([0.0]))
     monkeypatch.setattr(camera_tasks, "decode", lambda _photograph: decoded)
     monkeypatch.setattr(camera_tasks, "brightness", lambda _photograph: brightness.pop())
@@ -248,7 +248,7 @@ def test_a_photograph_that_cannot_be_decoded_fails_its_pair_alone(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    refused, brightness = [UnreadableImageError("Not a kind that is read.")], [1.0, 2.0]
+    refused, brightness = [UnreadableImageError("Not a kind that is read.")], [2.0, 1.0]
 
     def decode(_photograph: bytes) -> SimpleNamespace:
         if refused:
