@@ -35,6 +35,7 @@ _ELSEWHERE = 0.1  # of the radius: no mark is so wrong
 _NO_LAMPS = 0.08  # the same of the lamps' light
 _MOST_LAMPS = 3
 _ONE_MORE = 0.03  # what one more lamp must explain, in squares of what paint and noise allow
+_MUCH_MORE = 0.01  # the same of one beyond those told or three: light off a table explains less
 _UNSURE_DEG = 3.0  # standard deviation of a direction
 
 
@@ -75,11 +76,11 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
     best = fit_lamps(seen, 1 if count == "auto" else count)
     for more in range(2, _MOST_LAMPS + 1) if count == "auto" else ():
         fit = fit_lamps(seen, more)
-        if not _explains_more(fit, best):
+        if not best.cost - fit.cost >= _ONE_MORE:  # nor NaN, here and below
             break
         best = fit
     _check_sphere(best)
-    if not best.misfit <= _NO_LAMPS:  # nor NaN, here and below
+    if not best.misfit <= _NO_LAMPS:
         raise UnusablePairError(
             f"Distant lamps do not explain {best.misfit:.0%} of the light on the sphere: check "
             "the circle, the number of lamps, and that nothing near throws light or shadow on it."
@@ -91,7 +92,7 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
             "photograph it under each of them alone."
         )
     tried = count == "auto" and len(best.directions) < _MOST_LAMPS
-    one_more = not tried and _explains_more(fit_one_more(seen, best), best)
+    one_more = not tried and best.cost - fit_one_more(seen, best).cost >= _MUCH_MORE
     if one_more and count == "auto":
         raise UnusablePairError(
             "Four lamps or more light the sphere, and three are the most that it tells: photograph "
@@ -109,11 +110,6 @@ def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -
         flash_aside_deg=best.flash_aside_deg,
         one_more=one_more,
     )
-
-
-def _explains_more(fit: SphereFit, fewer: SphereFit) -> bool:
-    """Whether a fit of one lamp more explains so much more that there is one; not where NaN."""
-    return fewer.cost - fit.cost >= _ONE_MORE
 
 
 def inside_sphere(shape: tuple[int, ...], sphere: Circle, share: float) -> Mask:
