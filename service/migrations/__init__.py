@@ -18,6 +18,7 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
 _LOCK = 0x11647  # any number that stays the same
+_IDLE_MS = 60_000  # steps are loaded amid the transaction, which may take a loaded host seconds
 _FIRST = "0001"
 _FIRST_COLUMNS = 18
 """Of `jobs` in databases from before versions were written down."""
@@ -108,6 +109,9 @@ def _alone(engine: sa.Engine) -> Iterator[sa.Connection]:
             connection.commit()
             connection.exec_driver_sql("BEGIN IMMEDIATE")
         else:
+            connection.exec_driver_sql(
+                f"SET LOCAL idle_in_transaction_session_timeout = {_IDLE_MS}"
+            )
             connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_LOCK)))
         try:
             yield connection

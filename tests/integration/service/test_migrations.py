@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
+from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
 
 from service import belonging, dbos_queue, migrations
@@ -75,6 +77,24 @@ def _add_old_jobs(connection: sa.Connection) -> None:
                 "created": 1000.0 + number,
             },
         )
+
+
+@pytest.mark.parametrize("url", ["postgresql"], indirect=True)
+def test_a_loaded_host_has_a_minute_between_statements_while_it_migrates(
+    empty: sa.Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PostgreSQL ends other transactions that pause for five seconds."""
+    asked, steps = "SHOW idle_in_transaction_session_timeout", command.upgrade
+    meanwhile: list[str] = []
+
+    def upgrade(config: Config, target: str) -> None:
+        meanwhile.append(config.attributes["connection"].exec_driver_sql(asked).scalar_one())
+        steps(config, target)
+
+    monkeypatch.setattr(command, "upgrade", upgrade)
+    migrations.upgrade(empty)
+    with empty.connect() as connection:
+        assert (meanwhile, connection.exec_driver_sql(asked).scalar_one()) == (["1min"], "5s")
 
 
 def test_the_steps_lead_to_the_tables_of_this_program(empty: sa.Engine) -> None:
