@@ -9,10 +9,10 @@ from drivers.camera import Camera, SettingName, SettingValue
 from drivers.errors import NoFlashError, PairVerificationError
 from drivers.shot import Shot
 
-BRIGHTER = 1.02
+_BRIGHTER = 1.02
 """How much brighter the flash makes a photograph at least, where EXIF does not tell of it."""
 
-NOISE = 1e-4
+_NOISE = 1e-4
 """By how much at least, where 1 is white: noise in the dark does less."""
 
 
@@ -89,4 +89,4 @@ def _require_lit(without: float, with_flash: float) -> None:
 
 
 def _is_brighter(one: float, other: float) -> bool:
-    return one > BRIGHTER * other and one > other + NOISE
+    return one > _BRIGHTER * other and one > other + _NOISE
