@@ -62,6 +62,24 @@ def test_a_border_is_solved_for_together_with_the_rest(scale: float) -> None:
         equations.solution_with(by.T @ weighed, -outer.T @ weighed, -weighed.T @ residual)
 
 
+def test_a_wide_border_is_solved_for_as_exactly_as_the_rest() -> None:
+    """Surfaces end elsewhere where steps are a millionth off."""
+    places = np.array([[i, i + 1] for i in range(40)])
+    rows = rows_of(1, 40, 3, 2)
+    by = np.zeros((40, 3, 41))
+    for one, pair, small in zip(by, places, rows.by, strict=True):
+        one[:, pair] = small
+    both = np.concatenate([by.reshape(120, 41), rows_of(4, 40, 3, 30).by.reshape(120, 30)], axis=1)
+    weighed = rows.precision.ravel()[:, None] * both
+    normal, downhill = both.T @ weighed, -weighed.T @ rows.residual.ravel()
+    equations = Pattern(41, places, np.zeros((0, 3), np.intp)).equations(rows, rows_of(2, 0, 2, 3))
+
+    step = equations.solution_with(normal[:41, 41:], normal[41:, 41:], downhill[41:])
+
+    error = np.concatenate(step) - np.linalg.solve(normal, downhill)
+    assert np.linalg.norm(error) < 1e-7 * np.linalg.norm(step[1])
+
+
 def test_a_pattern_serves_for_other_values() -> None:
     pattern = Pattern(5, PAIRS, TRIPLES)
     pattern.equations(rows_of(7, 4, 3, 2), rows_of(8, 2, 2, 3))
