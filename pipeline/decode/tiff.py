@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
-from pipeline.decode.jpeg_header import frame_pixels
+from pipeline.decode.coded_pixels import coded_pixels
 from pipeline.decode.samples import (
     CMYK,
     Samples,
@@ -47,6 +47,8 @@ _PREMULTIPLIED, _ALPHA = 1, 2
 """ExtraSamples of an alpha channel by which colours have been multiplied, and of one they are not.
 """
 _JPEG_IN_TIFF = (6, 7)
+_NO_HEADER = (1, 5, 8, 32773, 32946)
+"""Compressions of bytes, not of pictures: none, LZW, Deflate, PackBits and Deflate once more."""
 _EXIF = 34665
 _RATIONALS = (
     "ExposureTime",
@@ -116,11 +118,11 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         ends = map(sum, zip(page.dataoffsets, page.databytecounts, strict=False))
         if max(ends, default=0) > len(data):  # which a decoder of JPEG shows in grey
             raise ValueError("a strip goes on beyond the end")
-        if page.compression in _JPEG_IN_TIFF:  # whose decoder believes the JPEG, not the TIFF
+        if page.compression not in _NO_HEADER:  # decoders believe that of the piece, not the TIFF
             places = zip(page.dataoffsets, page.databytecounts, strict=False)
-            sizes = (frame_pixels(data[at : at + count]) for at, count in places)
-            if max(sizes, default=0) > max_pixels():
-                raise ValueError("a JPEG that is larger than pictures may be")
+            sizes = (coded_pixels(data[at : at + count]) for at, count in places)
+            if max(sizes, default=0) > _most_pixels(page):
+                raise ValueError("a tile or strip that is larger than it may be")
         values = page.asarray(maxworkers=1)
         if page.planarconfig == _PLANES and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)
@@ -254,6 +256,17 @@ def black_repeats(data: bytes) -> int:
             )
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return 1
+
+
+def _most_pixels(page: TiffPage) -> float:
+    """Most pixels that a tile or strip may have by its own header, of the picture's or a tile's.
+
+    Some JPEGs have more than the TIFF shows of them, which are cropped.
+    """
+    if page.compression in _JPEG_IN_TIFF:
+        return max_pixels()
+    tile = page.tilewidth * page.tilelength if page.is_tiled else 0
+    return max(tile, page.imagewidth * page.imagelength)
 
 
 def _tag(name: str, value: Any) -> Tag:
