@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Iterable
 
 from drivers.camera import Setting, SettingName, SettingValue, meant
@@ -9,6 +10,10 @@ from drivers.errors import SettingError, TransferError
 
 MOST_EVENTS = 1000
 """Events taken at once: a camera may tell more, and quicker than they are taken."""
+
+_MOST_SPELT = 30
+"""Values that a sentence spells out; a range of ISO speeds may have hundreds."""
+_NEAR = 2
 
 
 def require_writable(name: SettingName, value: SettingValue, writable: bool) -> None:
@@ -49,8 +54,22 @@ def not_offered(
     name: SettingName, value: SettingValue, offered: Iterable[SettingValue]
 ) -> SettingError:
     """Make the error of a value that is none of those that the camera offers."""
-    known = ", ".join(map(_said, offered))
-    return SettingError(f"The camera offers no {name} of {_said(value)}; it offers {known}.")
+    known = tuple(offered)
+    if len(known) > _MOST_SPELT:
+        near = ", ".join(map(_said, _near(value, known)))
+        spelt = f"{len(known)} values from {_said(known[0])} to {_said(known[-1])}, like {near}"
+    else:
+        spelt = ", ".join(map(_said, known))
+    return SettingError(f"The camera offers no {name} of {_said(value)}; it offers {spelt}.")
+
+
+def _near(value: SettingValue, known: tuple[SettingValue, ...]) -> Iterable[SettingValue]:
+    """Give the numbers next to one on both sides; the first of what is known where that is none."""
+    numbers = sorted(one for one in known if not isinstance(one, str))
+    if isinstance(value, str) or not numbers:
+        return known[: 2 * _NEAR]
+    at = bisect(numbers, value)
+    return numbers[max(at - _NEAR, 0) : at + _NEAR]
 
 
 def _said(value: SettingValue) -> str:

@@ -1,7 +1,7 @@
 import pytest
 
 from drivers import contract
-from drivers.camera import Setting, SettingName
+from drivers.camera import Setting, SettingName, SettingValue
 from drivers.errors import SettingError, TransferError
 
 
@@ -38,3 +38,30 @@ def test_what_a_camera_lacks_is_named() -> None:
     assert str(contract.not_offered(SettingName.ISO, 3, (100, "auto"))) == (
         "The camera offers no iso of 3; it offers 100, auto."
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "near"),
+    [
+        (123.5, "122, 123, 124, 125"),
+        (99, "100, 101"),
+        (5000, "999, 1000"),
+        (10**400, "999, 1000"),
+        ("fast", "auto, 100, 101, 102"),
+    ],
+)
+def test_of_a_long_list_those_near_what_was_asked_for_are_said(
+    value: SettingValue, near: str
+) -> None:
+    offered = ("auto", *range(100, 1001))
+    assert str(contract.not_offered(SettingName.ISO, value, offered)).endswith(
+        f"; it offers 902 values from auto to 1000, like {near}."
+    )
+
+
+def test_a_list_without_numbers_may_be_long_as_well() -> None:
+    offered = [f"mode {number}" for number in range(1, 32)]
+    assert str(contract.not_offered(SettingName.PROGRAM, 3, offered)).endswith(
+        "it offers 31 values from mode 1 to mode 31, like mode 1, mode 2, mode 3, mode 4."
+    )
+    assert str(contract.not_offered(SettingName.PROGRAM, 3, offered[:30])).count("mode ") == 30
