@@ -19,11 +19,12 @@ _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")  # of the box with Ca
 class ExposureFacts:
     """Exposure as the camera wrote it.
 
-    time_s: seconds. f_number: relative aperture. iso: speed. flash_fired: EXIF Flash bit 0.
+    time_s: seconds. f_number: relative aperture, None of a lens that tells the camera none. iso:
+    speed. flash_fired: EXIF Flash bit 0.
     """
 
     time_s: Fraction
-    f_number: Fraction
+    f_number: Fraction | None
     iso: int
     flash_fired: bool
 
@@ -39,11 +40,12 @@ def read_exposure(photograph: bytes) -> ExposureFacts:
         tags = exifread.process_file(io.BytesIO(_with_exif(photograph)), details=False)
     except Exception as error:  # exifread raises anything at all on damaged files
         raise PairVerificationError(
-            "A photograph came without readable EXIF, so that the pair cannot be checked."
+            "A photograph came without readable EXIF, so that the pair cannot be checked: take the "
+            "two photographs by hand and separate their files."
         ) from error
     return ExposureFacts(
         time_s=_first(tags, "ExposureTime"),
-        f_number=_first(tags, "FNumber"),
+        f_number=_first_or_none(tags, "FNumber") or None,  # 0, too, stands for none
         iso=int(_first(tags, "ISOSpeedRatings")),
         flash_fired=bool(int(_first(tags, "Flash")) & 1),
     )
@@ -76,11 +78,19 @@ def _box(boxes: bytes, name: bytes) -> bytes:
 
 
 def _first(tags: dict[str, Any], name: str) -> Fraction:
+    value = _first_or_none(tags, name)
+    if value is None:
+        raise PairVerificationError(
+            f"A photograph came without {name} in its EXIF, so that the pair cannot be checked: "
+            "take the two photographs by hand and separate their files."
+        )
+    return value
+
+
+def _first_or_none(tags: dict[str, Any], name: str) -> Fraction | None:
     try:
         # "Image": where the EXIF directory comes alone
         value = (tags.get(f"EXIF {name}") or tags[f"Image {name}"]).values[0]
         return Fraction(value.numerator, value.denominator)
-    except (KeyError, IndexError, AttributeError, TypeError, ZeroDivisionError) as error:
-        raise PairVerificationError(
-            f"A photograph came without {name} in its EXIF, so that the pair cannot be checked."
-        ) from error
+    except (KeyError, IndexError, AttributeError, TypeError, ZeroDivisionError):
+        return None

@@ -59,9 +59,10 @@ def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> N
         ("f-number", without.f_number, with_flash.f_number),
         ("ISO", without.iso, with_flash.iso),
     ):
-        if first != second:
+        if first != second:  # of an aperture both may lack it: a manual lens keeps its own
+            told, then = ("none told" if one is None else one for one in (first, second))
             raise PairVerificationError(
-                f"The two photographs differ in {name} ({first} and {second}): set the camera to "
+                f"The two photographs differ in {name} ({told} and {then}): set the camera to "
                 "manual exposure and take the pair again."
             )
     if with_flash.flash_fired:

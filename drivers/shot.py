@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -130,7 +130,8 @@ def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
             "Files of two photographs came as one: wait until the camera is idle and take the "
             "pair again."
         )
-    return best
+    openings = (one.f_number for one in told if one.f_number is not None)
+    return replace(best, f_number=next(openings, None))
 
 
 def _release(camera: Camera, clock: Clock) -> set[int]:

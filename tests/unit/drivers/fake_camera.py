@@ -25,11 +25,12 @@ from drivers.errors import (
 )
 
 
-def tags(flash: int, iso: int = 100, f_number: int = 8) -> dict[int, object]:
-    return {0x829A: IFDRational(1, 50), 0x829D: IFDRational(f_number), 0x8827: iso, 0x9209: flash}
+def tags(flash: int, iso: int = 100, f_number: int | None = 8) -> dict[int, object]:
+    told = {0x829A: IFDRational(1, 50), 0x8827: iso, 0x9209: flash}
+    return told if f_number is None else {**told, 0x829D: IFDRational(f_number)}
 
 
-def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
+def photograph(flash: int, iso: int = 100, f_number: int | None = 8) -> bytes:
     exif = Image.Exif()
     exif.get_ifd(0x8769).update(tags(flash, iso, f_number))
     file = io.BytesIO()

@@ -203,6 +203,21 @@ def test_the_exposure_is_of_whichever_file_tells_it(clock: Clock) -> None:
     assert pair.flash.exposure.flash_fired
 
 
+def test_a_pair_through_a_lens_that_tells_no_aperture_is_taken(clock: Clock) -> None:
+    shots = [{"jpeg": photograph(flash, f_number=None)} for flash in (0x10, 0x09)]
+    pair = capture_pair(FakeCamera(shots=list(shots)), clock=clock)
+    assert [pair.no_flash.exposure.f_number, pair.flash.exposure.f_number] == [None, None]
+
+
+def test_an_aperture_that_one_file_alone_tells_is_compared(clock: Clock) -> None:
+    shots = [
+        {"cr3": cr3(tags(flash, f_number=None)), "jpeg": photograph(flash, f_number=f_number)}
+        for flash, f_number in ((0x10, 8), (0x09, 4))
+    ]
+    with pytest.raises(PairVerificationError, match=r"f-number \(8 and 4\)"):
+        capture_pair(FakeCamera(shots=shots), clock=clock)
+
+
 def test_files_none_of_which_tells_the_exposure_are_refused(clock: Clock) -> None:
     with pytest.raises(PairVerificationError, match="cannot be checked"):
         capture_pair(FakeCamera(shots=[{"rw2": b"odd", "jpeg": b"odd"}]), clock=clock)
@@ -343,6 +358,7 @@ def test_a_size_that_is_not_true_is_an_error(clock: Clock, size: int, complaint:
         ([{"jpeg": FLASH}, {"jpeg": NO_FLASH}], "flash fired in the photograph"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, iso=200)}], r"differ in ISO \(100 and 200\)"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, f_number=4)}], r"f-number \(8 and 4\)"),
+        ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, f_number=None)}], r"\(8 and none told\)"),
         ([{"jpeg": NO_FLASH}, {"dng": FLASH}] * 2, "different kinds"),
         ([{"jpeg": b"nothing"}, {"jpeg": FLASH}], "cannot be checked"),
     ],
