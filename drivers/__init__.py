@@ -14,8 +14,10 @@ from drivers.errors import (
     CameraTimeoutError,
     CaptureError,
     DriverError,
+    FlashError,
     ProtocolError,
     SettingError,
+    UnconfirmedError,
 )
 from drivers.flash import (
     SWITCH_S,
@@ -57,6 +59,7 @@ __all__ = [
     "DriverError",
     "ExternalFlash",
     "Flash",
+    "FlashError",
     "OperatorFlash",
     "PropertyFlash",
     "ProtocolError",
@@ -65,6 +68,7 @@ __all__ = [
     "SettingName",
     "SettingValue",
     "Shot",
+    "UnconfirmedError",
     "announce_simulated",
     "canonical_address",
     "capture_pair",

@@ -15,6 +15,7 @@ DriverError
 │   └── PairVerificationError  two photographs came, but they are not a flash/no-flash pair
 │       └── NoFlashError       because the flash did not fire
 ├── FlashError                 what switches the flash did not obey
+│   └── UnconfirmedError       a person was asked to switch it, and nobody confirmed in time
 └── TransferError              a photograph could not be fetched whole
 
 Each message is one sentence for people: what, where, and what to do.
@@ -87,6 +88,10 @@ class NoFlashError(PairVerificationError):
 
 class FlashError(DriverError):
     """What switches the flash, other than the camera, did not obey."""
+
+
+class UnconfirmedError(FlashError):
+    """Nobody confirmed in time that the flash is switched."""
 
 
 class TransferError(DriverError):

@@ -20,7 +20,7 @@ import httpx
 
 from drivers.camera import Camera, SettingName, SettingValue
 from drivers.clock import Clock
-from drivers.errors import FlashError, SettingError
+from drivers.errors import FlashError, SettingError, UnconfirmedError
 from drivers.look_up import LookUpLoop
 
 log = logging.getLogger("drivers.flash")
@@ -234,7 +234,7 @@ class OperatorFlash(Flash):
     def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
         """Ask."""
         if not self.ask(f"Switch the flash {state}, then confirm.", self.timeout_s):
-            raise FlashError(
+            raise UnconfirmedError(
                 f"Nobody confirmed that the flash is {state}: take the pair again with somebody at "
                 "the camera."
             )

@@ -127,6 +127,12 @@ KINDS: dict[type[Exception], Kind] = {
     drivers.BadAddressError: Kind("bad-camera-address", 422, "No address of a camera"),
     drivers.CameraNotFoundError: Kind("camera-not-found", 404, "No camera answers there"),
     drivers.SettingError: Kind("camera-setting", 422, "The camera does not take this setting"),
+    drivers.UnconfirmedError: Kind(
+        "not-confirmed", 408, "Nobody confirmed in time", retryable=True
+    ),
+    drivers.FlashError: Kind(
+        "flash-switch-failed", 503, "The switch of the flash failed", retryable=True
+    ),
     drivers.DriverError: Kind("camera-failed", 503, "The camera failed", retryable=True),
     MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
     UnauthorizedError: Kind("unauthorized", 401, "A key is needed"),

@@ -19,7 +19,7 @@ import pytest
 from drivers.camera import Setting, SettingName
 from drivers.capture import capture_pair
 from drivers.clock import Clock
-from drivers.errors import FlashError, NoFlashError, SettingError
+from drivers.errors import FlashError, NoFlashError, SettingError, UnconfirmedError
 from drivers.flash import ExternalFlash, Flash, OperatorFlash, leave_flash_off
 from drivers.pair import CapturedPair
 from drivers.ptp.camera import PtpCamera
@@ -82,7 +82,7 @@ def test_a_person_switches_the_flash_between_the_photographs(clock: Clock) -> No
 def test_nobody_at_the_camera_ends_the_capture(clock: Clock) -> None:
     studio = Studio(clock, "switchless")
     flash = OperatorFlash(lambda _request, _timeout_s: False, brightness)
-    with pytest.raises(FlashError, match="Nobody confirmed that the flash is off"):
+    with pytest.raises(UnconfirmedError, match="Nobody confirmed that the flash is off"):
         capture_pair(studio.camera, clock=clock, flash=flash)
     assert studio.camera.objects() == {1}
 

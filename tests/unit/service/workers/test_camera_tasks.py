@@ -14,7 +14,7 @@ import pytest
 
 import drivers
 from drivers import SettingName
-from drivers.errors import FlashError
+from drivers.errors import UnconfirmedError
 from drivers.ptp.codes import Property
 from drivers.sim.body import Body
 from service.workers import camera_tasks
@@ -175,7 +175,7 @@ def test_a_person_is_asked_for_the_flash(capture: Callable[..., _Process], camer
 def test_a_person_who_does_nothing_ends_the_capture(
     capture: Callable[..., _Process], camera: Any
 ) -> None:
-    with pytest.raises(FlashError, match="Nobody confirmed that the flash is off"):
+    with pytest.raises(UnconfirmedError, match="Nobody confirmed that the flash is off"):
         capture(lambda _question: False, flash="operator", operator_seconds=7.0)
     assert _on_card(camera) == 0
 
