@@ -26,6 +26,7 @@ from service.workers.forkserver import ForkServer
 _STORING_THREADS = 40  # as many as Starlette has for all else, and so the next
 _READING_THREADS = 40
 _CAMERA_THREADS = 8
+_PROBING_THREADS = 4
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -53,6 +54,8 @@ class Context:
     """Of threads that read the store, for the same reason."""
     asking: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_CAMERA_THREADS))
     """Of threads that wait for cameras, for the same reason."""
+    probing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_PROBING_THREADS))
+    """Of threads that look whether the database answers, for the same reason."""
     draining: threading.Event = field(default_factory=threading.Event)
     """Set once the service was told to stop: what has no end of its own ends now."""
 

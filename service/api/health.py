@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+from functools import partial
+
 import sqlalchemy as sa
+from anyio import to_thread
 from fastapi import APIRouter
-from fastapi.concurrency import run_in_threadpool
 from obstore.exceptions import BaseError
 
 from service import metrics
@@ -14,7 +17,7 @@ from service.api.problems import responses
 from service.errors import UnreadyError
 from service.rows import census
 
-_STORE_SECONDS = 5.0  # for the store to answer: who asks for readiness waits seldom longer
+_ANSWER_SECONDS = 3.0  # for database and store, both at once: who asks waits seldom longer
 
 router = APIRouter(tags=["health"])
 
@@ -30,28 +33,36 @@ async def get_health() -> Health:
 @router.get("/readyz", response_model=Health, responses=responses(UnreadyError))
 async def get_readiness(context: Parts) -> Health:
     """Tell whether database and store answer and a worker lives; the problem names what lacks."""
-    lacking = [*await run_in_threadpool(_lacking, context), *await _lacking_store(context)]
+    lacking = ["it was told to stop"] if context.draining.is_set() else []
+    for found in await asyncio.gather(_lacking_database(context), _lacking_store(context)):
+        lacking += found
     if lacking:
         raise UnreadyError(f"The service is not ready: {'; '.join(lacking)}.")
     return Health()
 
 
-def _lacking(context: Context) -> list[str]:
-    lacking = ["it was told to stop"] if context.draining.is_set() else []
+async def _lacking_database(context: Context) -> list[str]:
+    count = partial(_living_workers, context)
     try:
-        with context.engine.connect() as connection:
-            workers = census.living_workers(connection, context.settings.silence_seconds)
-        if not workers:
-            lacking.append("no worker lives, so start one with `lightlayers worker`")
-    except sa.exc.SQLAlchemyError:
-        lacking.append("the database of jobs does not answer")
-    return lacking
+        async with asyncio.timeout(_ANSWER_SECONDS):
+            # What hangs is left to its thread, of which there are few: those of routes stay free.
+            workers = await to_thread.run_sync(
+                count, abandon_on_cancel=True, limiter=context.probing
+            )
+    except (sa.exc.SQLAlchemyError, TimeoutError):
+        return ["the database of jobs does not answer"]
+    return [] if workers else ["no worker lives, so start one with `lightlayers worker`"]
+
+
+def _living_workers(context: Context) -> int:
+    with context.engine.connect() as connection:
+        return census.living_workers(connection, context.settings.silence_seconds)
 
 
 async def _lacking_store(context: Context) -> list[str]:
     # In no thread: while a store hangs, balancers that ask again and again would take all of them.
     try:
-        await context.storage.check_within(_STORE_SECONDS)
+        await context.storage.check_within(_ANSWER_SECONDS)
     except (BaseError, OSError) as error:
         metrics.count_fault(error)
         return ["the store of photographs does not answer"]

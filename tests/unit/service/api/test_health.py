@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -60,7 +61,7 @@ def test_a_store_that_hangs_is_told_soon(
     server: tuple[FastAPI, str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(health, "_STORE_SECONDS", 0.2)
+    monkeypatch.setattr(health, "_ANSWER_SECONDS", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{silent.getsockname()[1]}")
         monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
@@ -69,26 +70,45 @@ def test_a_store_that_hangs_is_told_soon(
         assert "the store of photographs does not answer" in _not_ready(http)
 
 
+def test_a_database_that_hangs_is_told_soon(
+    http: httpx.Client,
+    context: Context,
+    server: tuple[FastAPI, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(health, "_ANSWER_SECONDS", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        engine = database.connect(f"postgresql://a:b@127.0.0.1:{silent.getsockname()[1]}/jobs")
+        server[0].state.context = replace(context, engine=engine)
+        began = time.monotonic()
+        told = [_not_ready(http) for _ in range(8)]
+        assert time.monotonic() - began < 8 * 0.5  # a connection is given up after 5 s each
+        engine.dispose()
+    assert set(told) == {"The service is not ready: the database of jobs does not answer."}
+
+
 def test_the_process_answers_whatever_its_threads_wait_for(
-    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     taken, go_on = threading.Semaphore(0), threading.Event()
 
-    def wait(_context: Context) -> list[str]:
+    def wait(_context: Context) -> int:
         taken.release()
         go_on.wait(120)
-        return []
+        return 1
 
-    monkeypatch.setattr(health, "_lacking", wait)
+    monkeypatch.setattr(health, "_living_workers", wait)
     with ThreadPoolExecutor(50) as pool:
-        asked = [pool.submit(http.get, "/readyz") for _ in range(50)]
+        asked = [pool.submit(http.get, "/readyz", timeout=60) for _ in range(50)]
         try:
-            for _ in range(40):  # as many threads as the service has
+            for _ in range(int(context.probing.total_tokens)):
                 assert taken.acquire(timeout=60)
             assert http.get("/healthz", timeout=60).status_code == 200
+            assert http.get("/jobs", timeout=60).status_code == 200  # by a thread of routes
+            assert not taken.acquire(blocking=False)
+            assert {each.result().status_code for each in asked} == {503}
         finally:
             go_on.set()
-        assert {each.result().status_code for each in asked} == {200}
 
 
 def test_a_service_whose_worker_is_silent_is_not_ready(
