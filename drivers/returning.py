@@ -30,16 +30,19 @@ class ReturningCamera:
         self._camera: Camera | None = None
         self._serial: str | None = None
 
-    def connected(self, wait_s: float = 0.0) -> Camera:
+    def connected(
+        self, wait_s: float = 0.0, pause: Callable[[float], None] | None = None
+    ) -> Camera:
         """Give the camera, which has answered just now.
 
-        wait_s: how long it may be away or answer strangely, in seconds. Raises what open_camera
-        and Camera.info raise.
+        wait_s: how long it may be away or answer strangely, in seconds. pause: waits for so many
+        seconds between looks, in place of the clock; what it raises ends the waiting. Raises what
+        open_camera and Camera.info raise.
         """
         if self._camera and not self._answers(self._camera):
             self.close()
         if self._camera is None:
-            self._camera = self._await(wait_s)
+            self._camera = self._await(wait_s, pause or self._clock.sleep)
         return self._camera
 
     def close(self) -> None:
@@ -55,7 +58,7 @@ class ReturningCamera:
             return False
         return True
 
-    def _await(self, wait_s: float) -> Camera:
+    def _await(self, wait_s: float, pause: Callable[[float], None]) -> Camera:
         deadline, told = self._clock.monotonic() + wait_s, ""
         while True:
             try:
@@ -68,7 +71,7 @@ class ReturningCamera:
                 if str(error) != told:
                     told = str(error)
                     self._tell(f"{told} It is waited for.")
-                self._clock.sleep(LOOK_S)
+                pause(LOOK_S)
                 continue
             if told:
                 self._tell("The camera is there.")

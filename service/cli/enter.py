@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import sys
 import termios
+import time
 
 
 def await_enter(timeout_s: float | None = None) -> bool:
@@ -19,6 +21,32 @@ def await_enter(timeout_s: float | None = None) -> bool:
             break
         line += read
     return bool(line)
+
+
+def pause(seconds: float) -> None:
+    """Let so many seconds pass, in which Enter is not asked for. Raises EOFError at stdin's end.
+
+    What is typed on a terminal meanwhile is dropped; lines of a program wait for their question,
+    and the end comes after them.
+    """
+    stdin, until = sys.stdin.fileno(), time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
+        if not select.select([stdin], [], [], left)[0]:
+            return
+        typed = sys.stdin.isatty()
+        if not os.read(stdin, 1024) if typed else _has_ended(stdin):
+            raise EOFError
+        if not typed:  # else the line that waits would have it look again at once
+            time.sleep(max(0.0, until - time.monotonic()))
+
+
+def _has_ended(readable: int) -> bool:
+    """Whether nothing is left of what can be read at once; false where the system cannot tell."""
+    try:
+        left = fcntl.ioctl(readable, termios.FIONREAD, bytes(4))
+    except OSError:  # like /dev/null, which takes no such question
+        return False
+    return not any(left)
 
 
 def forget_typed() -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli import keys
-from service.cli.enter import await_enter
+from service.cli.enter import await_enter, pause
 from service.cli.files import read_file, shown
 from service.cli.parameters import (
     FlashSwitch,
@@ -174,7 +174,10 @@ class _Taking:
             return
         number = 0
         while count is None or number < count:
-            self._camera.connected(wait_s=math.inf)
+            try:
+                self._camera.connected(wait_s=math.inf, pause=pause)
+            except EOFError:
+                return
             self._told("ready", "Press Enter to take a pair.")
             if not await_enter():
                 return

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import pty
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from service.cli.enter import await_enter, forget_typed
+from service.cli.enter import await_enter, forget_typed, pause
 
 
 @pytest.fixture
@@ -58,3 +60,29 @@ def test_what_was_typed_before_the_question_is_no_answer(terminal: int) -> None:
 def test_the_end_of_typing_is_no_press(terminal: int) -> None:
     os.write(terminal, b"\n\x04")
     assert [await_enter(60), await_enter(60)] == [True, False]
+
+
+def test_a_pause_ends_with_what_is_typed_and_drops_the_rest(terminal: int) -> None:
+    os.write(terminal, b"\n\n")
+    pause(0.1)
+    assert not await_enter(0)
+    os.write(terminal, b"\nyes\n\x04")
+    with pytest.raises(EOFError):
+        pause(60)
+
+
+def test_a_pause_leaves_the_lines_of_a_program_and_ends_after_them(pipe: int) -> None:
+    os.write(pipe, b"\n")
+    os.close(pipe)
+    began = time.monotonic()
+    pause(0.2)
+    assert time.monotonic() - began >= 0.2
+    assert await_enter(60)
+    with pytest.raises(EOFError):
+        pause(60)
+
+
+def test_a_pause_without_a_terminal_or_a_program_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Path(os.devnull).open() as nothing:
+        monkeypatch.setattr("sys.stdin", nothing)
+        pause(0.01)

@@ -143,6 +143,15 @@ def test_unplugged_in_a_transfer_the_press_fails_and_the_next_works_without_a_re
     assert len(jobs_of(http)) == 1
 
 
+def test_the_end_of_stdin_ends_it_also_while_the_camera_is_away(
+    tether: Callable[..., int], bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bus.enumerate_devices = lambda: iter(())  # type: ignore[method-assign]
+    assert tether("--json", lines="") == 0
+    (event,) = told(capsys)
+    assert (event["event"], event["detail"].endswith("It is waited for.")) == ("camera", True)
+
+
 def test_at_intervals_it_goes_on_once_the_camera_is_back(
     tether: Callable[..., int], http: httpx.Client, bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
