@@ -62,6 +62,14 @@ def test_the_newest_of_each_kind_and_camera_is_given(engine: sa.Engine, make: Ma
     assert _names(engine, make, setup="default") == ["lamps", "new", "other"]
 
 
+def test_once_the_newest_is_deleted_the_one_before_is_given(engine: sa.Engine, make: Make) -> None:
+    make("old", 100)
+    make("new", 200)
+    with engine.begin() as connection:
+        connection.execute(database.jobs.delete().where(database.jobs.c.id == "new"))
+    assert _names(engine, make, setup="default") == ["old"]
+
+
 def test_a_set_up_has_its_own(engine: sa.Engine, make: Make) -> None:
     make("default", 100)
     make("table", 100, options={"setup": "table"})
