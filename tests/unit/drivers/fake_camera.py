@@ -26,7 +26,7 @@ from drivers.errors import (
 
 
 def tags(flash: int, iso: int = 100, f_number: int | None = 8) -> dict[int, object]:
-    told = {0x829A: IFDRational(1, 50), 0x8827: iso, 0x9209: flash}
+    told: dict[int, object] = {0x829A: IFDRational(1, 50), 0x8827: iso, 0x9209: flash}
     return told if f_number is None else {**told, 0x829D: IFDRational(f_number)}
 
 
