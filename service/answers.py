@@ -77,13 +77,13 @@ class KeptCalibrations(BaseModel):
 
 
 class WebhookAnswer(BaseModel):
-    """What came of telling a webhook that the job has ended."""
+    """The delivery of the job's end to its webhook."""
 
     url: str
     state: Literal["waiting", "pending", "delivered", "failed"] = Field(
         description="waiting: the job has not ended; failed: given up."
     )
-    attempts: int = Field(description="How often it was told.")
+    attempts: int = Field(description="How often it was tried.")
     last_status: int | None = Field(description="HTTP status of its last answer, null without one.")
 
 

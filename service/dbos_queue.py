@@ -47,10 +47,10 @@ Those that hang on a host's USB have theirs in a queue of that host, see capture
 _WORKFLOW = "run_job"
 _CAPTURE = "capture_pair"
 _CAPTURERS = 16  # cameras that a worker has take pairs at once: it waits for them most of the time
-_TELLING_QUEUE = "webhooks"
-_TELLING_WORKFLOW = "tell_webhook"
-_TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
-_TELLING_SECONDS = 2.0  # each look at a queue costs every worker some 5 ms of its processor
+_DELIVERY_QUEUE = "webhooks"
+_DELIVERY_WORKFLOW = "tell_webhook"  # the name that entries in databases have
+_DELIVERIES = 8  # that a worker makes at once: it waits for them most of the time
+_DELIVERY_SECONDS = 2.0  # each look at a queue costs every worker some 5 ms of its processor
 _CAPTURE_SECONDS = 1.0  # a look at cameras costs more than one at jobs
 _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
@@ -58,7 +58,7 @@ _SWEEP = "sweep"
 _HOUR_SECONDS = 3600
 _SCHEDULES = ("often", "hourly")  # that the version before had DBOS keep
 _AGAIN = re.compile(r"-again-(\d+)$")  # as run_id makes them
-_OF_A_JOB = re.compile(r"-(capture|(again|webhook)-\d+)$")  # as capture_id and telling_id do
+_OF_A_JOB = re.compile(r"-(capture|(again|webhook)-\d+)$")  # as capture_id and delivery_id do
 _HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notifications by itself
 _OUTAGE_SECONDS = 10.0  # between two lines on what hinders the queue
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
@@ -99,7 +99,7 @@ class Held:
     @property
     def runs(self) -> bool:
         """Whether it is a job itself, or its capture."""
-        return self.queue not in (_TELLING_QUEUE, _UPKEEP)
+        return self.queue not in (_DELIVERY_QUEUE, _UPKEEP)
 
 
 class Queue:
@@ -159,17 +159,17 @@ class Queue:
         )
         self._enqueue(connection, options, delay_seconds, job_id)
 
-    def submit_telling(
+    def submit_delivery(
         self, connection: sa.Connection, job_id: str, number: int, delay_seconds: float
     ) -> None:
-        """Enqueue the telling of a job's webhook, from 1 to TELLINGS, within a transaction.
+        """Enqueue an attempt at delivery to a job's webhook, within a transaction.
 
-        One that is enqueued already stays as it is.
+        number: of the attempt, from 1. One that is enqueued already stays as it is.
         """
         options = EnqueueOptions(
-            workflow_name=_TELLING_WORKFLOW,
-            queue_name=_TELLING_QUEUE,
-            workflow_id=telling_id(job_id, number),
+            workflow_name=_DELIVERY_WORKFLOW,
+            queue_name=_DELIVERY_QUEUE,
+            workflow_id=delivery_id(job_id, number),
         )
         self._enqueue(connection, options, delay_seconds, job_id, number)
 
@@ -252,8 +252,8 @@ def capture_id(job_id: str) -> str:
     return f"{job_id}-capture"
 
 
-def telling_id(job_id: str, number: int) -> str:
-    """Give the id that a telling of a job's webhook has in its queue."""
+def delivery_id(job_id: str, number: int) -> str:
+    """Give the id that an attempt at delivery to a job's webhook has in its queue."""
     return f"{job_id}-webhook-{number}"
 
 
@@ -263,13 +263,13 @@ class Duties:
 
     run(job id, times that it was put back): must return only when the job has ended, or is queued
     once more, since a return takes the job out of the queue for good. capture(job id): when its
-    pair is taken. tell(job id, number): when what came of it is written. sweep(its id in the queue,
-    thorough): called in one worker at a time, often with false, every hour with true.
+    pair is taken. deliver(job id, number): when what came of it is written. sweep(its id in the
+    queue, thorough): called in one worker at a time, often with false, every hour with true.
     """
 
     run: Callable[[str, int], None]
     capture: Callable[[str], None]
-    tell: Callable[[str, int], None]
+    deliver: Callable[[str, int], None]
     sweep: Callable[[str, bool], None]
 
 
@@ -342,12 +342,12 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
     # Its id tells the number: a worker of the version before takes no other argument.
     workflow(name=_WORKFLOW)(lambda job_id: duties.run(job_id, _again(str(DBOS.workflow_id))))
     workflow(name=_CAPTURE)(lambda job_id: duties.capture(job_id))
-    workflow(name=_TELLING_WORKFLOW)(lambda job_id, number: duties.tell(job_id, number))
+    workflow(name=_DELIVERY_WORKFLOW)(lambda job_id, number: duties.deliver(job_id, number))
 
     # None: workers of the version before give it a time there.
     workflow(name=_SWEEP)(lambda _, thorough: duties.sweep(str(DBOS.workflow_id), thorough))
     captures = {captures_on(None), captures_on(host)}
-    DBOS.listen_queues([JOBS, *captures, _TELLING_QUEUE, _UPKEEP])
+    DBOS.listen_queues([JOBS, *captures, _DELIVERY_QUEUE, _UPKEEP])
     try:
         DBOS.launch()
     except error.DBOSInitializationError as fault:
@@ -381,9 +381,9 @@ def _register_queues(captures: Iterable[str], own: str, pace: Pace) -> None:
             polling_interval_sec=poll if queue == own else max(poll, _CAPTURE_SECONDS),
         )
     register(
-        _TELLING_QUEUE,
-        worker_concurrency=_TELLERS,
-        polling_interval_sec=max(poll, _TELLING_SECONDS),
+        _DELIVERY_QUEUE,
+        worker_concurrency=_DELIVERIES,
+        polling_interval_sec=max(poll, _DELIVERY_SECONDS),
     )
     register(
         _UPKEEP,

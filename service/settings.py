@@ -16,8 +16,7 @@ _MOST = 2**62  # that the database and the system take, of bytes and files
 _SHORTEST = 0.01
 """Of what takes seconds: a worker that looks more often does nothing else."""
 _CAMERAS = "sim:// ptp+usb:// gphoto2://usb"
-TELLINGS = 20
-"""How often a webhook may be told at most."""
+_MOST_TRIES = 20  # at the delivery to a webhook
 
 
 def _store_in(data: dict[str, Any]) -> str:
@@ -312,20 +311,20 @@ class Settings(BaseSettings):
     webhook_seconds: Annotated[float, _at_least(1, "for few servers answer in it")] = Field(
         default=15,
         le=86400,
-        description="What telling a webhook may take in all, in seconds: 1 at least.",
+        description="What an attempt at delivery may take in all, in seconds: 1 at least.",
     )
     webhook_retry_seconds: float = Field(
         default=5,
         ge=_SHORTEST,
         le=86400,
-        description="Wait before a webhook that did not take what it was told is told again; "
-        "each further one is 2.5 times as long.",
+        description="Wait after the first attempt at delivery that failed; each further one is 2.5 "
+        "times as long.",
     )
     webhook_tries: int = Field(
         default=12,
         ge=1,
-        le=TELLINGS,
-        description="How often a webhook is told; 12 last about a day.",
+        le=_MOST_TRIES,
+        description="Attempts at a delivery to a webhook; 12 last about a day.",
     )
     retention_days: float | None = Field(
         default=None,

@@ -1,8 +1,8 @@
-"""Tells webhooks that jobs have ended, after the Standard Webhooks specification.
+"""Delivers ends of jobs to their webhooks, after the Standard Webhooks specification.
 
-An ended job with a webhook and no `delivery` is news; that is the same write as its end, so that
-none is lost. A worker that sees news queues the first telling and writes the delivery in one
-transaction. Every telling is a durable entry of the queue's; one that fails queues the next.
+An ended job with a webhook and no `delivery` is due for one; that is the same write as its end, so
+that none is lost. A worker that finds it queues the first attempt and writes the delivery in one
+transaction. Every attempt is a durable entry of the queue's; one that fails queues the next.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ T = TypeVar("T")
 log = logging.getLogger("service.webhooks")
 
 
-def queue_news(connection: sa.Connection, queue: Queue) -> int:
-    """Queue the first telling of ended jobs, within a transaction; of how many."""
+def queue_deliveries(connection: sa.Connection, queue: Queue) -> int:
+    """Queue the first attempts that are due, within a transaction; of how many jobs."""
     begun = _delivery("pending", 0, None)
-    found = deliveries.news(connection, _AT_ONCE)
-    news = [job_id for job_id in found if deliveries.write(connection, job_id, begun)]
-    for job_id in news:
-        queue.submit_telling(connection, job_id, 1, 0.0)
-    return len(news)
+    found = deliveries.due(connection, _AT_ONCE)
+    due = [job_id for job_id in found if deliveries.write(connection, job_id, begun)]
+    for job_id in due:
+        queue.submit_delivery(connection, job_id, 1, 0.0)
+    return len(due)
 
 
 def _delivery(state: str, attempts: int, last_status: int | None) -> dict[str, Any]:
     return {"state": state, "attempts": attempts, "last_status": last_status}
 
 
-class Teller:
-    """Tells webhooks; `tell` is what the queue calls."""
+class Deliverer:
+    """Delivers to webhooks; `deliver` is what the queue calls."""
 
     def __init__(self, engine: sa.Engine, queue: Queue, settings: Settings) -> None:
         self._engine = engine
@@ -64,15 +64,15 @@ class Teller:
         self._settings = settings
         self._private = parse_networks(settings.webhook_private)
 
-    def tell(self, job_id: str, number: int) -> None:
-        """Tell a job's webhook for the `number`th time, and write what came of it."""
+    def deliver(self, job_id: str, number: int) -> None:
+        """Make the `number`th attempt at a job's delivery, and write what came of it."""
         job = self._patiently(job_id, lambda connection: jobs.find(connection, job_id))
         if job is None or not _awaits(job, number):
             return
         try:
             answer = self._post(job)
-        except Exception:  # a fault of ours: the next telling may go better
-            log.exception("webhook not told", extra={"job": job_id})
+        except Exception:  # a fault of ours: the next attempt may go better
+            log.exception("webhook not delivered", extra={"job": job_id})
             answer = None
         self._patiently(job_id, lambda connection: self._record(connection, job_id, number, answer))
 
@@ -85,7 +85,7 @@ class Teller:
                     return work(connection)
             except (sa.exc.DBAPIError, *AWAY) as error:
                 if not hindered:  # one line, not one for each try
-                    note(log, "the telling of a webhook is hindered", error, job=job_id)
+                    note(log, "the delivery to a webhook is hindered", error, job=job_id)
                 hindered = True
                 time.sleep(_RETRY_SECONDS)
 
@@ -100,7 +100,7 @@ class Teller:
             check_url(url, self._private, self._settings.webhook_https)
             answer = post(url, headers, body, self._private, self._settings.webhook_seconds)
         except (UnansweredError, ForbiddenAddressError) as error:
-            log.info("webhook not told: %s", error, extra=fields)
+            log.info("webhook not delivered: %s", error, extra=fields)
             return None
         log.info("webhook answered %s", answer.status, extra=fields)
         return answer
@@ -117,17 +117,17 @@ class Teller:
             state = "pending"
         written = deliveries.write(connection, job_id, _delivery(state, number, status))
         if written and state == "pending":
-            self._queue.submit_telling(connection, job_id, number + 1, self._pause(number, answer))
+            self._queue.submit_delivery(connection, job_id, number + 1, self._pause(number, answer))
 
     def _pause(self, number: int, answer: Answer | None) -> float:
-        """Seconds until the next telling: longer each time, and not the same for all."""
+        """Seconds until the next attempt: longer each time, and not the same for all."""
         usual = self._settings.webhook_retry_seconds * _GROWTH ** (number - 1)
         asked = retry_after(answer.retry_after) if answer and answer.status in (429, 503) else 0.0
         return min(max(usual * random.uniform(0.8, 1.2), asked), _LONGEST_SECONDS)
 
 
 def _awaits(job: jobs.Job, number: int) -> bool:
-    """Whether this telling is still to be done.
+    """Whether this attempt is still to be made.
 
     Another copy may have been quicker, or the job deleted and its removal not be over.
     """

@@ -108,7 +108,7 @@ jobs = sa.Table(
     sa.Column("requests", sa.Integer, nullable=False, default=0),
     sa.Column("request_until", sa.Double),
     sa.Column("webhook", sa.JSON(none_as_null=True)),
-    # What came of telling the webhook; null until its first delivery is queued.
+    # How far the delivery to the webhook is; null until its first attempt is queued.
     sa.Column("delivery", sa.JSON(none_as_null=True)),
     sa.Column("idempotency_key", sa.String(255)),
     sa.Column("request_hash", sa.String(64), nullable=False),
@@ -132,7 +132,7 @@ jobs = sa.Table(
     sa.Index("jobs_by_camera", "camera", "state"),
 )
 
-# Few rows at any time, so that workers may look often: a job leaves it when a delivery is queued.
+# Few rows at any time, so that workers may look often: a job leaves it when its delivery begins.
 sa.Index(
     "jobs_with_news",
     jobs.c.finished,

@@ -55,7 +55,7 @@ class Worker:
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
         self._queue = dbos_queue.Queue(self._engine)
-        self._teller = webhooks.Teller(self._engine, self._queue, settings)
+        self._deliverer = webhooks.Deliverer(self._engine, self._queue, settings)
         self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
         self._keep_seconds = settings.retention_seconds
         self._fork_server = sandbox.fork_server(settings.worker_concurrency, pairs=True)
@@ -89,7 +89,7 @@ class Worker:
         log.info("stopped", extra={"worker": self.id})
 
     def _launch(self) -> None:
-        duties = Duties(self.run, self.capture, self.tell, self.sweep)
+        duties = Duties(self.run, self.capture, self.deliver, self.sweep)
         settings = self._settings
         pace = Pace(settings.worker_concurrency, settings.poll_seconds, settings.sweep_seconds)
         try:
@@ -101,7 +101,7 @@ class Worker:
             ) from error
 
     def keep(self) -> None:
-        """One heartbeat, the jobs of dead workers back into the queue, and webhooks to be told."""
+        """One heartbeat, jobs of dead workers back into the queue, and deliveries that are due."""
         try:
             self._beat()
             self._bury()
@@ -120,7 +120,7 @@ class Worker:
             for one in forgotten | (dead - taken):
                 log.warning("put back", extra={"job": one.job, "worker": self.id})
             self._fail_overdue()
-            self._queue_news()
+            self._queue_deliveries()
         except Exception as error:  # the next heartbeat may find the database there again
             note(log, "the heartbeat was cut short", error, worker=self.id)
             self._make_room(error)
@@ -179,10 +179,10 @@ class Worker:
         queued = dbos_queue.capture_id(job_id)
         self._alone(queued, lambda: self._capture(job_id))
 
-    def tell(self, job_id: str, number: int) -> None:
-        """Tell a job's webhook for the `number`th time. Returns only when it is written."""
-        queued = dbos_queue.telling_id(job_id, number)
-        self._alone(queued, lambda: self._teller.tell(job_id, number))
+    def deliver(self, job_id: str, number: int) -> None:
+        """Make the `number`th attempt at a job's delivery. Returns only when it is written."""
+        queued = dbos_queue.delivery_id(job_id, number)
+        self._alone(queued, lambda: self._deliverer.deliver(job_id, number))
 
     def sweep(self, queued: str, thorough: bool) -> None:
         """Remove what is due, or as much as can be; queued: id of the sweep in its queue."""
@@ -247,7 +247,7 @@ class Worker:
                         attempt = None
                         if passed_on:
                             return True
-                        self._queue_news()
+                        self._queue_deliveries()
                         continue
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
@@ -275,9 +275,9 @@ class Worker:
                 self._busy -= 1
                 self._idle.notify_all()
 
-    def _queue_news(self) -> None:
+    def _queue_deliveries(self) -> None:
         with self._engine.begin() as connection:
-            webhooks.queue_news(connection, self._queue)
+            webhooks.queue_deliveries(connection, self._queue)
 
     def _start(self, job: jobs.Job) -> Attempt:
         return Attempt(

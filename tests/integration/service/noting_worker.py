@@ -24,7 +24,7 @@ def main(url: str, name: str, host: str | None = None) -> None:
 
     connected = database.connect(url)
     queue = dbos_queue.Queue(connected)
-    duties = Duties(run, run, tell=lambda *_telling: None, sweep=lambda *_sweep: None)
+    duties = Duties(run, run, deliver=lambda *_delivery: None, sweep=lambda *_sweep: None)
     pace = Pace(concurrency=1, poll_seconds=0.05, sweep_seconds=60)
     dbos_queue.launch(connected, name, host, duties, pace)
     for line in sys.stdin:

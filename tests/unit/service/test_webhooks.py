@@ -19,7 +19,7 @@ from service.outgoing import Answer, UnansweredError
 from service.rows import deliveries, expiry, jobs
 from service.rows.states import State
 from service.settings import Settings
-from service.webhooks import Teller, queue_news, retry_after
+from service.webhooks import Deliverer, queue_deliveries, retry_after
 from tests.unit.service.asking import stored
 from tests.unit.service.at_first import raising
 from tests.unit.service.receiver import SECRET, receiving
@@ -29,12 +29,12 @@ OPTIONS = {"lights": 2, "flash_spectrum": {"power": [1.0] * 500}}
 
 
 class FakeQueue:
-    """Takes down what is to be told, and when."""
+    """Takes down what is to be delivered, and when."""
 
     def __init__(self) -> None:
         self.queued: list[tuple[str, int, float]] = []
 
-    def submit_telling(
+    def submit_delivery(
         self, _connection: sa.Connection, job_id: str, number: int, delay_seconds: float
     ) -> None:
         self.queued.append((job_id, number, delay_seconds))
@@ -65,9 +65,9 @@ def _ended(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
         assert jobs.succeed(connection, held, [])
 
 
-def _news(engine: sa.Engine, queue: Any) -> int:
+def _begun(engine: sa.Engine, queue: Any) -> int:
     with engine.begin() as connection:
-        return queue_news(connection, queue)
+        return queue_deliveries(connection, queue)
 
 
 ENDS: dict[State, Callable[[sa.Connection, jobs.Job], object]] = {
@@ -78,27 +78,27 @@ ENDS: dict[State, Callable[[sa.Connection, jobs.Job], object]] = {
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_every_end_is_news_once(end: State, engine: sa.Engine, queue: FakeQueue) -> None:
+def test_every_end_is_delivered_once(end: State, engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
         held = jobs.claim(connection, "a", "w1")
         assert held is not None
         if end == State.CANCELED:
             jobs.request_cancel(connection, "a")
-    assert _news(engine, queue) == 0
+    assert _begun(engine, queue) == 0
     with engine.begin() as connection:
         ENDS[end](connection, held)
-    assert _news(engine, queue) == 1
-    assert _news(engine, queue) == 0
+    assert _begun(engine, queue) == 1
+    assert _begun(engine, queue) == 0
     assert queue.queued == [("a", 1, 0.0)]
     assert stored(engine, "a").delivery == {"state": "pending", "attempts": 0, "last_status": None}
 
 
-def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQueue) -> None:
+def test_a_job_canceled_while_it_waits_is_due(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
-    assert _news(engine, queue) == 1
+    assert _begun(engine, queue) == 1
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQue
         (sa.exc.TimeoutError("busy"), "busy"),
     ],
 )
-def test_a_telling_outlasts_a_database_that_is_away_or_busy(
+def test_a_delivery_outlasts_a_database_that_is_away_or_busy(
     error: Exception,
     cause: str,
     engine: sa.Engine,
@@ -120,7 +120,7 @@ def test_a_telling_outlasts_a_database_that_is_away_or_busy(
     """Raised to the queue, it would be the last one. The log has a line of it, not one a try."""
     errors, find = [error, error], jobs.find
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
 
     def at_first(connection: sa.Connection, job_id: str) -> jobs.Job | None:
         if errors:
@@ -131,52 +131,52 @@ def test_a_telling_outlasts_a_database_that_is_away_or_busy(
     monkeypatch.setattr(webhooks, "_RETRY_SECONDS", 0.0)
     monkeypatch.setattr(webhooks, "post", lambda *_arguments: Answer(204, ""))
     with caplog.at_level(logging.WARNING):
-        Teller(engine, queue, settings).tell("a", 1)
+        Deliverer(engine, queue, settings).deliver("a", 1)
     delivery = stored(engine, "a").delivery
     assert delivery == {"state": "delivered", "attempts": 1, "last_status": 204}
     assert [(line.getMessage(), line.exc_info) for line in caplog.records] == [
-        (f"the telling of a webhook is hindered, database-unavailable: {cause}", None)
+        (f"the delivery to a webhook is hindered, database-unavailable: {cause}", None)
     ]
 
 
-def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQueue) -> None:
+def test_an_end_that_was_rolled_back_is_not_delivered(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.connect() as connection:
         held = jobs.claim(connection, "a", "w1")
         assert held is not None
         assert jobs.succeed(connection, held, [])
         connection.rollback()
-    assert _news(engine, queue) == 0
+    assert _begun(engine, queue) == 0
     assert stored(engine, "a").state == State.QUEUED
 
 
-def test_news_that_another_worker_has_told_meanwhile_stay_told(
+def test_what_another_worker_has_delivered_meanwhile_stays_delivered(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SQLite holds no rows for who reads them."""
     _ended(engine, "a")
     told = {"state": "delivered", "attempts": 1, "last_status": 204}
-    news = deliveries.news
+    due = deliveries.due
 
     def stall(connection: sa.Connection, limit: int) -> list[str]:
-        found = news(connection, limit)
+        found = due(connection, limit)
         with engine.begin() as other:
             assert deliveries.write(other, "a", told)
         return found
 
-    monkeypatch.setattr(deliveries, "news", stall)
-    assert _news(engine, queue) == 0
+    monkeypatch.setattr(deliveries, "due", stall)
+    assert _begun(engine, queue) == 0
     assert queue.queued == []
     assert stored(engine, "a").delivery == told
 
 
 def test_without_a_webhook_nothing_is_queued(engine: sa.Engine, queue: FakeQueue) -> None:
     _ended(engine, "a", None)
-    assert _news(engine, queue) == 0
+    assert _begun(engine, queue) == 0
     assert stored(engine, "a").delivery is None
 
 
-def test_news_are_found_by_their_index(engine: sa.Engine) -> None:
+def test_what_is_due_is_found_by_its_index(engine: sa.Engine) -> None:
     with engine.connect() as connection:
         query = (
             "EXPLAIN QUERY PLAN SELECT id FROM jobs WHERE webhook IS NOT NULL AND delivery IS NULL "
@@ -186,9 +186,9 @@ def test_news_are_found_by_their_index(engine: sa.Engine) -> None:
     assert "USING INDEX jobs_with_news" in plan
 
 
-def _tell(engine: sa.Engine, queue: Any, number: int = 1, **settings: Any) -> dict[str, Any]:
+def _deliver(engine: sa.Engine, queue: Any, number: int = 1, **settings: Any) -> dict[str, Any]:
     usual = {"webhook_private": "127.0.0.0/8", "webhook_seconds": 60}
-    Teller(engine, queue, Settings(**{**usual, **settings})).tell("a", number)
+    Deliverer(engine, queue, Settings(**{**usual, **settings})).deliver("a", number)
     delivery = stored(engine, "a").delivery
     assert delivery is not None
     return delivery
@@ -204,8 +204,8 @@ def test_an_event_bears_the_job_and_no_secret(
     caplog.set_level("INFO")
     with receiving(204) as receiver:
         _ended(engine, "a", receiver.url)
-        _news(engine, queue)
-        assert _tell(engine, queue) == {"state": "delivered", "attempts": 1, "last_status": 204}
+        _begun(engine, queue)
+        assert _deliver(engine, queue) == {"state": "delivered", "attempts": 1, "last_status": 204}
         told = receiver.next()
     assert told.path == "/hook?token=hidden"
     assert told.headers["webhook-id"] == "job_a"
@@ -220,7 +220,7 @@ def test_an_event_bears_the_job_and_no_secret(
     assert queue.queued == [("a", 1, 0.0)]
 
 
-def test_a_fault_of_the_service_is_followed_by_another_telling(
+def test_a_fault_of_the_service_is_followed_by_another_attempt(
     engine: sa.Engine,
     queue: FakeQueue,
     monkeypatch: pytest.MonkeyPatch,
@@ -230,19 +230,19 @@ def test_a_fault_of_the_service_is_followed_by_another_telling(
         raise ZeroDivisionError
 
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     monkeypatch.setattr(webhooks, "post", break_down)
-    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
+    assert _deliver(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
     assert [entry[:2] for entry in queue.queued] == [("a", 1), ("a", 2)]
     (line,) = caplog.records
-    assert (line.getMessage(), line.exc_info is not None) == ("webhook not told", True)
+    assert (line.getMessage(), line.exc_info is not None) == ("webhook not delivered", True)
 
 
 def test_the_id_stays_and_the_signature_is_of_the_moment(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     seen: list[dict[str, str]] = []
 
     def take(url: str, headers: dict[str, str], body: bytes, *_rest: object) -> Answer:
@@ -253,7 +253,7 @@ def test_the_id_stays_and_the_signature_is_of_the_moment(
 
     monkeypatch.setattr(webhooks, "post", take)
     for number in (1, 2):
-        _tell(engine, queue, number)
+        _deliver(engine, queue, number)
     assert [headers["webhook-id"] for headers in seen] == ["job_a", "job_a"]
 
 
@@ -262,9 +262,9 @@ def test_what_is_no_success_is_told_again(
     status: int, engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     _answers(monkeypatch, status)
-    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": status}
+    assert _deliver(engine, queue) == {"state": "pending", "attempts": 1, "last_status": status}
     assert queue.queued[1][:2] == ("a", 2)
 
 
@@ -272,21 +272,21 @@ def test_no_answer_is_told_again(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     monkeypatch.setattr(webhooks, "post", raising(UnansweredError("it took too long")))
-    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
+    assert _deliver(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
 
 
-def test_a_fault_of_ours_does_not_lose_the_telling(
+def test_a_fault_of_ours_does_not_lose_the_delivery(
     engine: sa.Engine,
     queue: FakeQueue,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     monkeypatch.setattr(webhooks, "post", lambda *_arguments: 1 / 0)
-    assert _tell(engine, queue)["state"] == "pending"
+    assert _deliver(engine, queue)["state"] == "pending"
     assert "ZeroDivisionError" in caplog.text and SECRET not in caplog.text
 
 
@@ -299,32 +299,32 @@ def test_some_ends_are_for_good(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     _answers(monkeypatch, status)
-    delivery = _tell(engine, queue, webhook_tries=tries)
+    delivery = _deliver(engine, queue, webhook_tries=tries)
     assert delivery == {"state": "failed", "attempts": 1, "last_status": status}
     assert len(queue.queued) == 1
 
 
-def test_a_second_copy_of_a_telling_does_nothing(
+def test_a_second_copy_of_an_attempt_does_nothing(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     _answers(monkeypatch, 500)
-    first = _tell(engine, queue)
+    first = _deliver(engine, queue)
     _answers(monkeypatch, 204)
-    assert _tell(engine, queue, 1) == first
-    assert _tell(engine, queue, 2)["state"] == "delivered"
+    assert _deliver(engine, queue, 1) == first
+    assert _deliver(engine, queue, 2)["state"] == "delivered"
     _answers(monkeypatch, 500)
-    assert _tell(engine, queue, 3)["state"] == "delivered"
+    assert _deliver(engine, queue, 3)["state"] == "delivered"
 
 
-def test_a_copy_of_a_telling_that_ends_late_takes_nothing_back(
+def test_a_copy_of_an_attempt_that_ends_late_takes_nothing_back(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     told = {"state": "delivered", "attempts": 1, "last_status": 204}
 
     def stall(*_arguments: object) -> Answer:
@@ -333,17 +333,17 @@ def test_a_copy_of_a_telling_that_ends_late_takes_nothing_back(
         return Answer(500, "")
 
     monkeypatch.setattr(webhooks, "post", stall)
-    assert _tell(engine, queue) == told
+    assert _deliver(engine, queue) == told
     assert len(queue.queued) == 1
 
 
 def test_a_deleted_job_is_not_told(engine: sa.Engine, queue: Any) -> None:
-    Teller(engine, queue, Settings()).tell("gone", 1)
+    Deliverer(engine, queue, Settings()).deliver("gone", 1)
     assert queue.queued == []
 
 
 @pytest.mark.parametrize("moment", ["it waits", "it runs", "it has ended"])
-def test_a_job_whose_removal_hangs_is_no_news(
+def test_a_job_whose_removal_hangs_is_not_delivered(
     moment: str, engine: sa.Engine, queue: FakeQueue
 ) -> None:
     (_ended if moment == "it has ended" else _add)(engine, "a")
@@ -355,28 +355,28 @@ def test_a_job_whose_removal_hangs_is_no_news(
         with engine.begin() as connection:
             assert jobs.acknowledge_cancel(connection, held, 86400)
     assert stored(engine, "a").finished
-    assert _news(engine, queue) == 0
+    assert _begun(engine, queue) == 0
 
 
-def test_a_job_that_is_kept_for_a_time_is_news(engine: sa.Engine, queue: FakeQueue) -> None:
+def test_a_job_that_is_kept_for_a_time_is_due(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
         held = jobs.claim(connection, "a", "w1")
         assert held is not None
         assert jobs.succeed(connection, held, [], keep_seconds=0.001)
     time.sleep(0.01)
-    assert _news(engine, queue) == 1
+    assert _begun(engine, queue) == 1
 
 
-def test_a_job_that_is_deleted_between_two_tellings_is_not_told_again(
+def test_a_job_that_is_deleted_between_two_attempts_is_not_tried_again(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    assert _news(engine, queue) == 1
+    assert _begun(engine, queue) == 1
     with engine.begin() as connection:
         expiry.condemn(connection, "a")
     monkeypatch.setattr(webhooks, "post", lambda *_arguments: pytest.fail("it was told"))
-    assert _tell(engine, queue) == {"state": "pending", "attempts": 0, "last_status": None}
+    assert _deliver(engine, queue) == {"state": "pending", "attempts": 0, "last_status": None}
     assert stored(engine, "a").state == State.EXPIRED
     assert len(queue.queued) == 1
 
@@ -387,8 +387,8 @@ def test_what_settings_forbid_since_the_job_was_asked_for_is_not_told(
 ) -> None:
     with receiving(204) as receiver:
         _ended(engine, "a", receiver.url)
-        _news(engine, queue)
-        delivery = _tell(engine, queue, **since)
+        _begun(engine, queue)
+        delivery = _deliver(engine, queue, **since)
         assert receiver.told.empty()
     assert delivery == {"state": "pending", "attempts": 1, "last_status": None}
 
@@ -397,11 +397,11 @@ def test_pauses_grow_to_about_a_day(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     _answers(monkeypatch, 500)
     monkeypatch.setattr(random, "uniform", lambda low, high: (low + high) / 2)
     for number in range(1, 13):
-        delivery = _tell(engine, queue, number)
+        delivery = _deliver(engine, queue, number)
     assert delivery == {"state": "failed", "attempts": 12, "last_status": 500}
     pauses = [delay for _, _, delay in queue.queued[1:]]
     assert pauses[:3] == pytest.approx([5, 12.5, 31.25])
@@ -430,9 +430,9 @@ def test_a_receiver_may_ask_for_a_pause(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _ended(engine, "a")
-    _news(engine, queue)
+    _begun(engine, queue)
     _answers(monkeypatch, status, header)
-    _tell(engine, queue)
+    _deliver(engine, queue)
     assert low <= queue.queued[1][2] <= high
 
 
@@ -456,11 +456,11 @@ def test_a_date_of_no_zone_is_in_utc(zone: str, monkeypatch: pytest.MonkeyPatch)
         time.tzset()
 
 
-def test_the_queue_takes_a_telling_once(context: Context) -> None:
+def test_the_queue_takes_an_attempt_once(context: Context) -> None:
     with context.engine.begin() as connection:
         for _ in range(2):
-            context.queue.submit_telling(connection, "a", 1, 0.0)
-        context.queue.submit_telling(connection, "a", 2, 3600.0)
+            context.queue.submit_delivery(connection, "a", 1, 0.0)
+        context.queue.submit_delivery(connection, "a", 2, 3600.0)
     assert _workflows(context) == {"a-webhook-1": "ENQUEUED", "a-webhook-2": "DELAYED"}
 
 

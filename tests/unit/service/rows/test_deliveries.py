@@ -25,7 +25,7 @@ def _delivery(state: str, attempts: int) -> dict[str, Any]:
         (("failed", 1), ("delivered", 2), False),
     ],
 )
-def test_what_came_of_a_telling_is_never_taken_back(
+def test_what_came_of_an_attempt_is_never_taken_back(
     earlier: tuple[str, int] | None, later: tuple[str, int], written: bool, engine: sa.Engine
 ) -> None:
     row = {"id": "a", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
@@ -64,4 +64,4 @@ def test_a_webhook_is_told_of_an_end_that_nobody_has_deleted(
     ended = {"state": "failed", "finished": 50.0, "webhook": {"url": "u"}}
     with engine.begin() as connection:
         jobs.add(connection, row | ended | values)
-        assert deliveries.news(connection, 10) == (["a"] if told else [])
+        assert deliveries.due(connection, 10) == (["a"] if told else [])

@@ -18,12 +18,12 @@ from tests.unit.service.job_rows import added, claim, claimed
 def test_what_the_queues_forgot_to_bring_is_put_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A sweep of which the answer got lost would hold up all others, a telling be told never."""
+    """A sweep of which the answer got lost would hold up all others, a delivery be lost."""
     put_back: list[set[str]] = []
     held = [
         Held("mine", one.id, "jobs"),
         Held("running-again-1", one.id, "jobs"),
-        Held("a telling", one.id, "webhooks"),
+        Held("an attempt", one.id, "webhooks"),
         Held("a sweep", one.id, "upkeep"),
         Held("dead", "another", "jobs"),
         Held("living", "neighbour", "jobs"),
@@ -41,7 +41,7 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
     one._runs.add("running")
     one.keep()
     one.keep()
-    assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
+    assert put_back == [{"dead"}, {"dead", "mine", "an attempt", "a sweep"}]
 
 
 def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
@@ -53,7 +53,7 @@ def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
     held = [
         Held("a", "another", "jobs"),
         Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
-        Held(dbos_queue.telling_id("c", 12), "another", "webhooks"),
+        Held(dbos_queue.delivery_id("c", 12), "another", "webhooks"),
         Held("sched-often-1", "another", "upkeep"),
     ]
     monkeypatch.setattr(one._queue, "held", lambda: held)
@@ -103,7 +103,7 @@ def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
     assert counters.TAKEOVERS._value.get() - before == 2
 
 
-def test_tellings_and_sweeps_that_take_long_are_not_put_back(
+def test_deliveries_and_sweeps_that_take_long_are_not_put_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun, go = threading.Barrier(3), threading.Event()
@@ -115,13 +115,13 @@ def test_tellings_and_sweeps_that_take_long_are_not_put_back(
         assert go.wait(60)
         done.append(arguments)
 
-    monkeypatch.setattr(one._teller, "tell", work)
+    monkeypatch.setattr(one._deliverer, "deliver", work)
     monkeypatch.setattr(one._sweeping, "run", work)
     held = [Held("a-webhook-2", one.id, "webhooks"), Held("sched-often", one.id, "upkeep")]
     monkeypatch.setattr(one._queue, "held", lambda: held)
     monkeypatch.setattr(one._queue, "put_back", put_back.append)
     threads = [
-        threading.Thread(target=one.tell, args=("a", 2)),
+        threading.Thread(target=one.deliver, args=("a", 2)),
         threading.Thread(target=one.sweep, args=("sched-often", True)),
     ]
     for thread in threads:
