@@ -12,8 +12,10 @@ from service.errors import ForeignCameraError
 from service.settings import Settings
 
 
-def check_webhook(settings: Settings, url: str) -> None:
-    """Refuse a webhook that is not called. Raises OptionError."""
+def check_webhook(settings: Settings, url: str | None) -> None:
+    """Refuse a webhook that is not called; None: there is none. Raises OptionError."""
+    if url is None:
+        return
     try:
         check_url(url, parse_networks(settings.webhook_private), settings.webhook_https)
     except ForbiddenAddressError as error:

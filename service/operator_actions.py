@@ -109,8 +109,7 @@ class OperatorActions:
     def _check_reach(self, job: jobs.Job) -> None:
         """Refuse what a job like this one reaches for, a webhook or a camera, if it may no more."""
         untaken = None if job.inputs else job.capture
-        if job.webhook is not None:
-            allowed.check_webhook(self.settings, job.webhook["url"])
+        allowed.check_webhook(self.settings, job.webhook["url"] if job.webhook else None)
         if untaken is not None:
             with in_words():
                 asked = Capture.model_validate(untaken)

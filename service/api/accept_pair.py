@@ -13,7 +13,8 @@ from obstore.exceptions import BaseError
 from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
-from service import allowed, tracing
+from service import tracing
+from service.allowed import check_webhook
 from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
 from service.api.context import Context
@@ -74,7 +75,8 @@ def accept_pair(submission: Submission, wanted: Intake) -> Accepted:
     request_hash = hash_of(wanted)
     if earlier := replay(submission, request_hash):
         return earlier
-    check_webhook(context, wanted.handling)  # which settings may have allowed the first time
+    # After the replay: settings may have allowed it then.
+    check_webhook(context.settings, wanted.handling.webhook_url)
     options = complete(context, caller, wanted.options, wanted.calibrations)
     check_spectra(options)
     job_id = uuid.uuid4().hex
@@ -145,12 +147,6 @@ def make_row(
         "webhook": handling.webhook and handling.webhook.model_dump(),
         "span_id": tracing.span_id(),
     }
-
-
-def check_webhook(context: Context, handling: Handling) -> None:
-    """Refuse a webhook that is not called. Raises OptionError."""
-    if handling.webhook is not None:
-        allowed.check_webhook(context.settings, handling.webhook.url)
 
 
 def _store_pair(submission: Submission, job_id: str, wanted: Intake) -> dict[str, str]:

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 import drivers
 from pipeline.errors import OptionError, counted
 from pipeline.options import Options
-from service.allowed import check_camera, check_flash
-from service.api.accept_pair import check_webhook, make_row
+from service.allowed import check_camera, check_flash, check_webhook
+from service.api.accept_pair import make_row
 from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
 from service.api.callers import Caller, find
@@ -128,7 +128,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
     check_camera(context.settings, wanted.capture.camera)
     drivers.check_settings(wanted.capture.settings)
     check_flash(context.settings, wanted.capture.flash)
-    check_webhook(context, wanted.handling)
+    check_webhook(context.settings, wanted.handling.webhook_url)
     ids = bursts.new_ids(wanted.count)
     values = {"request_hash": request_hash, "capture": _row_of(wanted.capture)}
     row = make_row(submission, values, wanted.options, wanted.handling)

@@ -59,6 +59,11 @@ class Handling(BaseModel):
     )
     webhook: Webhook | None = None
 
+    @property
+    def webhook_url(self) -> str | None:
+        """Where the webhook is, if there is one."""
+        return self.webhook.url if self.webhook else None
+
 
 class CaptureRequest(Handling):
     """A job whose pair a camera takes."""

@@ -7,9 +7,10 @@ import uuid
 from fastapi import APIRouter, Request, Response
 
 from pipeline.errors import OptionError
+from service.allowed import check_webhook
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept_pair import check_webhook, commit
+from service.api.accept_pair import commit
 from service.api.accepted_job import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
@@ -61,7 +62,7 @@ def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accept
     # Before the job is looked at, which may have been deleted since the first answer got lost.
     if earlier := replay(submission, request_hash):
         return earlier
-    check_webhook(context, wanted)
+    check_webhook(context.settings, wanted.webhook_url)
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
     if source.task == "mix":
