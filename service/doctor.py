@@ -28,7 +28,7 @@ from pipeline.errors import counted, reason_of
 from service import belonging, migrations
 from service.errors import StartError, StorageFullError
 from service.object_keys import DATABASE_ID
-from service.opening import DATABASE_FULL, WRONG_ADDRESS, open_storage
+from service.opening import NO_ROOM, WRONG_ADDRESS, open_storage
 from service.problems import cause_of
 from service.room import larger_than_disk
 from service.rows import census, database, keys
@@ -149,7 +149,7 @@ def _is_missing_file(url: str) -> bool:
 
 def _no_database(error: Exception) -> Finding:
     if database.is_full(error):
-        return Finding("wrong", "database", DATABASE_FULL)
+        return Finding("wrong", "database", NO_ROOM)
     return Finding(
         "wrong",
         "database",

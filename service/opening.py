@@ -22,7 +22,7 @@ WRONG_ADDRESS = (
     "postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
 )
 
-DATABASE_FULL = "The disk of the database of jobs is full: make room on it."
+NO_ROOM = "The disk of the database of jobs is full: make room on it."
 
 _NO_CREDENTIALS = ("169.254.169.254", "Missing AccessKeyId", "Missing SecretAccessKey")
 """What the store's client says without them; the address is that of Amazon's own machines."""
@@ -81,7 +81,7 @@ def _start_errors() -> Iterator[None]:
         raise StartError(str(error)) from error
     except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:
         if database.is_full(error):
-            raise StartError(DATABASE_FULL) from error
+            raise StartError(NO_ROOM) from error
         raise StartError(
             "The database of jobs cannot be opened: check LIGHTLAYERS_DATABASE_URL and "
             f"LIGHTLAYERS_DATA_DIR ({cause_of(error)})."
