@@ -169,13 +169,10 @@ class Attempt:
         self._begin()
         with contextlib.ExitStack() as stack:
             directory = self._folder(stack)
-            if self._job.capture and not self._job.inputs:  # queued before cameras had queues
-                with self._flash_left_off():
-                    self._capture(directory)
-            elif self._job.task == "mix":
+            self._stages.enter("fetch")
+            if self._job.task == "mix":
                 self._fetch_layers(directory)
             else:
-                self._stages.enter("fetch")
                 self._fetch(directory)
             if self._job.task == "separate":
                 self._bring_kept(directory)
@@ -315,7 +312,6 @@ class Attempt:
         self._patiently(write)
 
     def _fetch_layers(self, directory: Path) -> None:
-        self._stages.enter("fetch")
         with self._engine.connect() as connection:
             source = jobs.find(connection, self._job.options["of"])
         try:
