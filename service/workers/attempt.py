@@ -7,51 +7,41 @@ import json
 import logging
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from drivers import CameraInfo, CameraNotFoundError, leave_flash_off
-from pipeline.calibration.options import FILES
-from pipeline.result_names import LAYERS, MANIFEST
+from pipeline.result_names import MANIFEST
 from service import metrics, tracing
-from service.capture import Capture
 from service.durable import FULL
 from service.errors import (
     AttemptError,
-    LayersGoneError,
     NoProcessError,
     OlderWorkerError,
     StorageFullError,
 )
-from service.frames import FRAMES
 from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
-from service.patience import note, passes, patiently
+from service.patience import note, passes
 from service.problems import problem_of
-from service.rows import cameras, eta, jobs, kept
+from service.rows import eta, jobs, kept
 from service.rows.database import AWAY
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
-from service.workers import host, sandbox, scratch
+from service.workers import capturing, materials, sandbox, scratch
 from service.workers.forkserver import ForkServer
+from service.workers.means import Means
 from service.workers.stages import Stages
-from service.workers.stopping import ASK_SECONDS, Stopping
-from service.workers.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
+from service.workers.stopping import Stopping
+from service.workers.tasks import RESULTS, Kind, Limits, Task, results_of
 
 _REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
-_ELSEWHERE = (
-    " It was looked for on the worker's host alone, as no API with a worker beside it had seen it "
-    "when the capture was sent: if it hangs on another host, run `lightlayers serve` there, ask it "
-    "for GET /cameras, and send the capture again."
-)
 
-Result = TypeVar("Result")
 PassOn = Callable[[sa.Connection], None]
 """Queues the rest of a job in the transaction that puts it back."""
 
@@ -84,6 +74,7 @@ class Attempt:
         self._log = logging.LoggerAdapter(
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
+        self._means = Means(job, engine, storage, settings, self._stopping, self._log)
 
     def run(self, pass_on: PassOn | None = None) -> bool:
         """Run the job. However it ends is written to its row, unless the worker itself ends.
@@ -140,11 +131,13 @@ class Attempt:
         return problem_of(error, self._job.trace_id).model_dump()
 
     def _take(self, pass_on: PassOn) -> bool:
-        with self._flash_left_off():
+        with capturing.flash_left_off(self._job, self._settings):
             self._begin()
             if not self._job.inputs:
                 with contextlib.ExitStack() as stack:
-                    self._capture(self._folder(stack))
+                    directory = self._folder(stack)
+                    run = partial(self._run_task, "capture", directory)
+                    capturing.take_pair(self._means, directory, run)
         return self._put_back(pass_on)
 
     def _put_back(self, pass_on: PassOn) -> bool:
@@ -155,7 +148,7 @@ class Attempt:
                     pass_on(connection)
                 return counts
 
-        return self._patiently(write)
+        return self._means.patiently(write)
 
     def _begin(self) -> None:
         self._stopping.check()
@@ -163,7 +156,9 @@ class Attempt:
             self._track = eta.Track(eta.pace_of(connection, self._job))
 
     def _folder(self, stack: contextlib.ExitStack) -> Path:
-        return self._patiently(lambda: stack.enter_context(scratch.folder(self._settings.data_dir)))
+        return self._means.patiently(
+            lambda: stack.enter_context(scratch.folder(self._settings.data_dir))
+        )
 
     def _work(self) -> bool:
         self._begin()
@@ -171,11 +166,11 @@ class Attempt:
             directory = self._folder(stack)
             self._stages.enter("fetch")
             if self._job.task == "mix":
-                self._fetch_layers(directory)
+                materials.fetch_layers(self._means, directory)
             else:
-                self._fetch(directory)
+                materials.fetch_pair(self._means, directory)
             if self._job.task == "separate":
-                self._bring_kept(directory)
+                materials.bring_kept(self._means, directory)
             self._run_task(self._job.task, directory)
             if self._job.task == "calibrate":
                 self._note_camera(directory)
@@ -189,12 +184,6 @@ class Attempt:
             tracing.note("outcome", "succeeded")
         return counts
 
-    def _fetch(self, directory: Path) -> None:
-        assert self._job.inputs is not None
-        for frame in FRAMES:
-            key = self._job.inputs[frame]["key"]
-            self._patiently(partial(self._storage.get_file, key, directory / frame))
-
     def _clear_lost(self) -> None:
         """Delete what earlier attempts have left, which no quota counts: else it stays for ever."""
         # What is left of them here goes with the job.
@@ -203,100 +192,6 @@ class Attempt:
                 self._storage.delete_below(results_key(self._job.id, lost))
                 if self._job.capture and not self._job.has_pair_of(lost):
                     self._storage.delete_below(captured_key(self._job.id, lost))
-
-    def _capture(self, directory: Path) -> None:
-        kept = False
-
-        def ask(question: dict[str, Any], is_void: Callable[[], bool]) -> bool:
-            nonlocal kept
-            if question["kind"] == "operator":
-                return self._ask_operator(question["request"], question["seconds"], is_void)
-            kept = self._keep_pair(directory, question["settings"])
-            return kept
-
-        try:
-            told = self._run_task("capture", directory, ask)
-        except (sandbox.TaskError, AttemptError) as error:
-            if not kept:
-                if isinstance(error, sandbox.TaskError) and self._is_elsewhere_perhaps(error):
-                    error.problem["detail"] += _ELSEWHERE
-                raise
-            self._log.warning("cut short after the pair was kept: %s", type(error).__name__)
-            return
-        if not kept and not self._keep_pair(directory, told["settings"]):
-            raise sandbox.StoppedError
-        if self._job.camera and told["info"]:
-            with contextlib.suppress(*AWAY), self._engine.begin() as connection:
-                cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
-
-    def _is_elsewhere_perhaps(self, error: sandbox.TaskError) -> bool:
-        """Whether a camera that was not found here may be on another host's USB."""
-        here, camera = host.of_usb(self._engine), self._job.camera
-        not_found = error.problem["type"] == problem_of(CameraNotFoundError(), "").type
-        if not (not_found and here and camera):
-            return False
-        with self._engine.connect() as connection:
-            return cameras.may_be_elsewhere(connection, camera, here)
-
-    @contextlib.contextmanager
-    def _flash_left_off(self) -> Iterator[None]:
-        """Switch the flash off where the capture's process died before it could do so itself."""
-        try:
-            yield
-        except sandbox.TaskError:  # its process has seen to it
-            raise
-        except Exception:
-            self.leave_flash_off()
-            raise
-
-    def leave_flash_off(self) -> None:
-        """Switch off the flash that a capture of this job may have left on, if it has a switch."""
-        wanted = self._pair_to_take()
-        if wanted.flash == "external" and wanted.switch is not None:
-            leave_flash_off(wanted.switch)
-
-    def _keep_pair(self, directory: Path, settings: dict[str, Any]) -> bool:
-        """Store a pair for good and write that the job has it; false when this counts no more."""
-        inputs = {}
-        for frame in FRAMES:
-            key = captured_key(self._job.id, self._job.attempt, frame)
-            inputs[frame] = {"key": key, "sha256": self._keep(key, directory / frame)}
-        size = sum((directory / frame).stat().st_size for frame in FRAMES)
-
-        def write() -> bool:
-            with self._engine.begin() as connection:
-                return jobs.set_inputs(connection, self._job, inputs, size, settings)
-
-        return self._patiently(write)
-
-    def _ask_operator(self, request: str, seconds: float, is_void: Callable[[], bool]) -> bool:
-        """Wait for a person, whom the job's row asks; whether it was confirmed in time.
-
-        is_void: whether nobody wants the answer any more.
-        """
-
-        def ask() -> None:
-            with self._engine.begin() as connection:
-                jobs.ask_operator(connection, self._job, request, seconds)
-
-        def look() -> bool | None:
-            with self._engine.begin() as connection:
-                return jobs.confirmed(connection, self._job)
-
-        self._patiently(ask)
-        while (done := self._patiently(look)) is None and not is_void():
-            self._stopping.pause(ASK_SECONDS)
-        return bool(done)
-
-    def _bring_kept(self, directory: Path) -> None:
-        with self._engine.connect() as connection:
-            rows = kept.for_separation(connection, self._job)
-        found = []
-        for row in rows:
-            key = results_key(row.id, row.attempt, FILES[row.options["kind"]])
-            with contextlib.suppress(FileNotFoundError):  # deleted at this moment
-                found.append(kept.made_of(row, self._patiently(partial(self._storage.get, key))))
-        self._patiently(partial(kept.write, directory, found))
 
     def _note_camera(self, directory: Path) -> None:
         manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
@@ -309,23 +204,10 @@ class Attempt:
                     size, settings = row.stored_bytes, row.camera_settings
                     jobs.set_inputs(connection, self._job, inputs, size, settings)
 
-        self._patiently(write)
-
-    def _fetch_layers(self, directory: Path) -> None:
-        with self._engine.connect() as connection:
-            source = jobs.find(connection, self._job.options["of"])
-        try:
-            if source is None:
-                raise FileNotFoundError
-            for name in (LAYERS, MANIFEST):
-                key = results_key(source.id, source.attempt, name)
-                self._patiently(partial(self._storage.get_file, key, directory / name))
-        except FileNotFoundError as error:
-            raise LayersGoneError(
-                "The job whose layers were to be mixed has been deleted; separate the pair anew."
-            ) from error
+        self._means.patiently(write)
 
     def _run_task(self, kind: Kind, directory: Path, ask: sandbox.Ask | None = None) -> Any:
+        takes = kind == "capture"
         task = Task(
             kind=kind,
             job=self._job.id,
@@ -333,7 +215,7 @@ class Attempt:
             directory=str(directory),
             limits=Limits.of(self._settings, self._settings.job_seconds),
             options=self._job.options,
-            camera=self._pair_to_take() if kind == "capture" else None,
+            camera=capturing.pair_to_take(self._job, self._settings) if takes else None,
         )
 
         def run() -> Any:
@@ -342,20 +224,7 @@ class Attempt:
             return sandbox.run(task, seconds, self._report, self._stopping.is_due, server, ask)
 
         # A pair that was kept already must not be taken again over it.
-        return self._patiently(run, _has_not_begun if kind == "capture" else passes)
-
-    def _pair_to_take(self) -> TakePair:
-        assert self._job.capture is not None
-        asked = Capture(**self._job.capture)
-        return TakePair(
-            camera=asked.camera,
-            flash=asked.flash,
-            settings=asked.settings,
-            keep=asked.keep,
-            switch=self._settings.flash_switch,
-            settle_seconds=self._settings.flash_settle_seconds,
-            operator_seconds=self._settings.operator_seconds,
-        )
+        return self._means.patiently(run, _has_not_begun if takes else passes)
 
     def _store(self, path: Path) -> dict[str, Any]:
         self._stopping.check()
@@ -363,35 +232,9 @@ class Attempt:
         return {
             "name": path.name,
             "size": path.stat().st_size,
-            "sha256": self._keep(key, path, headers_of(path.name), self._stopping.check),
+            "sha256": self._means.keep(key, path, headers_of(path.name), self._stopping.check),
             "media_type": media_type(path.name),
         }
-
-    def _keep(
-        self,
-        key: str,
-        path: Path,
-        headers: Mapping[str, str] | None = None,
-        check: Callable[[], None] = lambda: None,
-    ) -> str:
-        """Store a file so that it outlasts a power cut; its SHA-256.
-
-        headers: of its link. check: raises what is to end that, however slow the line is.
-        """
-
-        def put() -> str:
-            digest = self._storage.put_file(key, path, headers, check)
-            self._storage.flush([key])
-            return digest
-
-        return self._patiently(put)
-
-    def _patiently(
-        self, work: Callable[[], Result], may_pass: Callable[[Exception], bool] = passes
-    ) -> Result:
-        """Wait for what may pass, like a store that is away, but not when the job is to stop."""
-        seconds = self._settings.patience_seconds
-        return patiently(work, seconds, self._stopping.pause, self._log, may_pass)
 
     def _report(self, stage: str, fraction: float) -> None:
         self._track.reach(stage, fraction)
@@ -428,7 +271,7 @@ class Attempt:
                 counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
                 return counts or self._counted(connection)
 
-        counts = self._patiently(write)
+        counts = self._means.patiently(write)
         if counts:
             self._clear_lost()
         return counts

@@ -18,7 +18,7 @@ from functools import partial
 
 import sqlalchemy as sa
 
-from drivers import SWITCH_S, leave_flash_off
+import drivers
 from service import counters, dbos_queue, logs, metrics, tracing, webhooks
 from service.dbos_queue import Duties, Held, Pace
 from service.errors import AbandonedError, DeadlineError, StartError
@@ -29,14 +29,14 @@ from service.retention import Sweep
 from service.rows import cameras, database, heartbeats, jobs, waiting
 from service.rows.states import State
 from service.settings import Settings
-from service.workers import host, presence, sandbox, scratch
+from service.workers import capturing, host, presence, sandbox, scratch
 from service.workers.attempt import Attempt
 from service.workers.processes import die_with_parent
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0  # between two looks at a job that another worker has
 _AGAIN_SECONDS = 10.0  # between two looks for a worker that knows a job's options
-_STOP_SECONDS = SWITCH_S + 5.0  # of captures, for their flash to be left off, too
+_STOP_SECONDS = drivers.SWITCH_S + 5.0  # of captures, for their flash to be left off, too
 
 log = logging.getLogger("service.workers.worker")
 
@@ -214,7 +214,7 @@ class Worker:
             with self._engine.connect() as connection:
                 in_use = cameras.is_switch_in_use(connection, job_id)
             if not in_use:
-                leave_flash_off(switch)
+                drivers.leave_flash_off(switch)
 
     def _is_passed_on(self, connection: sa.Connection, job: jobs.Job) -> bool:
         """Whether the camera's part of a job is done; the rest of it waits in its queue then."""
@@ -293,7 +293,7 @@ class Worker:
         """Do what is left of a job; whether it was queued once more, for a newer worker."""
         ends = job.state == State.CANCELING or job.lost >= jobs.LOST_ATTEMPTS
         if ends and job.captures:  # the attempt before this one died, perhaps between photographs
-            attempt.leave_flash_off()
+            capturing.leave_flash_off(job, self._settings)
         if job.state == State.CANCELING:
             attempt.give_up()
         elif job.lost >= jobs.LOST_ATTEMPTS:

@@ -389,8 +389,7 @@ def told_off(one: Worker, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Orders by which the worker's switch of a flash was told off."""
     told: list[str] = []
     one._settings = one._settings.model_copy(update={"flash_switch": "relay {state}"})
-    for module in ("worker", "attempt"):
-        monkeypatch.setattr(f"service.workers.{module}.leave_flash_off", told.append)
+    monkeypatch.setattr("drivers.leave_flash_off", told.append)
     return told
 
 

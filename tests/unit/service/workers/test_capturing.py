@@ -16,7 +16,7 @@ from service.object_keys import captured_key
 from service.problems import problem_of
 from service.rows import cameras, heartbeats, jobs
 from service.rows.states import State
-from service.workers import host, sandbox
+from service.workers import capturing, host, sandbox
 from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
 from service.workers.tasks import Task
@@ -197,12 +197,12 @@ def test_a_request_waits_in_the_row(
             assert jobs.confirm(connection, "a")
 
     monkeypatch.setattr(attempt._stopping, "pause", confirm)
-    assert attempt._ask_operator("Switch it off.", 60, lambda: False) is True
+    assert capturing.ask_operator(attempt._means, "Switch it off.", 60, lambda: False) is True
     assert _job(context).state == State.RUNNING
 
 
 def test_a_request_that_nobody_heeds_ends(capture: Callable[[], Attempt], context: Context) -> None:
-    assert capture()._ask_operator("Switch it off.", -1, lambda: False) is False
+    assert capturing.ask_operator(capture()._means, "Switch it off.", -1, lambda: False) is False
     assert _job(context).state == State.RUNNING
 
 
@@ -213,11 +213,11 @@ def test_a_request_ends_when_the_job_is_canceled(
     with context.engine.begin() as connection:
         jobs.request_cancel(connection, "a")
     with pytest.raises(sandbox.StoppedError):
-        attempt._ask_operator("Switch it off.", 60, lambda: False)
+        capturing.ask_operator(attempt._means, "Switch it off.", 60, lambda: False)
 
 
 def test_a_request_ends_with_the_process_that_made_it(capture: Callable[[], Attempt]) -> None:
-    assert capture()._ask_operator("Switch it off.", 60, lambda: True) is False
+    assert capturing.ask_operator(capture()._means, "Switch it off.", 60, lambda: True) is False
 
 
 @pytest.mark.parametrize(
@@ -276,7 +276,7 @@ def test_the_switch_of_a_flash_is_told_off_where_the_process_of_a_capture_could_
         held = cameras.claim(connection, "a", "w")
     told: list[str] = []
     monkeypatch.setattr(sandbox, "run", raising(error))
-    monkeypatch.setattr("service.workers.attempt.leave_flash_off", told.append)
+    monkeypatch.setattr("drivers.leave_flash_off", told.append)
     settings = context.settings.model_copy(update={"flash_switch": "relay {state}"})
     attempt_at(held, context, settings).capture(lambda _connection: None)
     assert told == orders
