@@ -12,7 +12,7 @@ from pipeline.mixes.mix_options import Mix, MixRequest, check_lamps, read_basis
 from pipeline.result_names import LAYERS, MANIFEST
 from service.object_keys import results_key
 from service.rows import jobs
-from service.rows.finished import check_succeeded, deleted_meanwhile
+from service.rows.availability import check_succeeded, deleted_meanwhile
 from service.storage import Storage
 
 

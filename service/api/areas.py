@@ -20,7 +20,7 @@ from service.api.find_results import find_result, find_succeeded
 from service.api.problems import responses
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
 from service.object_keys import results_key
-from service.rows.finished import deleted_meanwhile
+from service.rows.availability import deleted_meanwhile
 from service.rows.jobs import Job
 from service.storage import Storage
 

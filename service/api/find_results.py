@@ -8,7 +8,7 @@ from service.api.callers import Caller, find
 from service.api.context import Context
 from service.errors import UnknownResultError
 from service.rows import jobs
-from service.rows.finished import check_succeeded
+from service.rows.availability import check_succeeded
 
 
 def find_succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:

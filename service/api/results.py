@@ -24,7 +24,7 @@ from service.errors import GoneError, NotReadyError, RangeError, UnknownJobError
 from service.media import headers_of
 from service.object_keys import results_key
 from service.rows import jobs
-from service.rows.finished import deleted_meanwhile
+from service.rows.availability import deleted_meanwhile
 
 router = APIRouter(tags=["results"])
 

@@ -1,4 +1,4 @@
-"""What finished uploads are to requests for jobs that name them."""
+"""What whole uploads are to requests for jobs that name them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _find(connection: sa.Connection, caller: Caller, frame: str, upload_id: str)
     upload = uploads.find(connection, caller.owner, upload_id)
     if upload is None or upload.expired:
         raise OptionError(_UNKNOWN.format(f"uploads.{frame}", f"{upload_id[:32]!r}"))
-    if not upload.finished:
+    if not upload.is_whole:
         raise UnfinishedUploadError(
             f"uploads.{frame}: {upload.received:,} of {upload.length:,} bytes have come; "
             "send the rest first."

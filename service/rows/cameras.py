@@ -70,7 +70,7 @@ def address_of(connection: sa.Connection, camera: str) -> str | None:
 
 def find_all(connection: sa.Connection, addresses: Collection[str]) -> list[Camera]:
     """Cameras at these addresses that were ever looked for, and all that jobs hold or wait for."""
-    used = sa.select(rows.c.camera).where(rows.c.camera.is_not(None), _unfinished())
+    used = sa.select(rows.c.camera).where(rows.c.camera.is_not(None), _lacks_pair())
     busy = connection.execute(used.distinct()).scalars().all()
     ids = {*busy, *map(id_of, addresses)}
     return _seen(connection, cameras.c.id.in_(ids))
@@ -96,7 +96,8 @@ def _camera(connection: sa.Connection, row: Mapping[Any, Any]) -> Camera:
     )
 
 
-def _unfinished() -> sa.ColumnElement[bool]:
+def _lacks_pair() -> sa.ColumnElement[bool]:
+    """Whether a job goes on whose pair no camera has taken yet."""
     return sa.and_(rows.c.state.not_in(ENDED), rows.c.inputs.is_(None))
 
 

@@ -45,7 +45,7 @@ class Upload:
     expired: bool
 
     @property
-    def finished(self) -> bool:
+    def is_whole(self) -> bool:
         """Whether all of it has come."""
         return self.received == self.length
 
@@ -115,7 +115,7 @@ def delete_parts(storage: Storage, upload_id: str) -> None:
 
 
 def assemble(storage: Storage, upload: Upload, path: Path) -> str:
-    """Write a finished upload to a file; its SHA-256. Raises FileNotFoundError."""
+    """Write a whole upload to a file; its SHA-256. Raises FileNotFoundError."""
     digest = hashlib.sha256()
     with path.open("wb") as file:
         for part in upload.parts:

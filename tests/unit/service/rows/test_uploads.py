@@ -39,11 +39,11 @@ def test_pieces_become_the_file_in_their_order(
     engine: sa.Engine, storage: Storage, tmp_path: Path
 ) -> None:
     _add(engine, "1", 6)
-    assert (_find(engine, "1").received, _find(engine, "1").finished) == (0, False)
+    assert (_find(engine, "1").received, _find(engine, "1").is_whole) == (0, False)
     for data in (b"ab", b"c", b"def"):
         assert _append(engine, storage, _find(engine, "1"), data)
     upload = _find(engine, "1")
-    assert (upload.received, upload.finished, len(upload.parts)) == (6, True, 3)
+    assert (upload.received, upload.is_whole, len(upload.parts)) == (6, True, 3)
     digest = uploads.assemble(storage, upload, tmp_path / "file")
     assert (tmp_path / "file").read_bytes() == b"abcdef"
     assert digest == hashlib.sha256(b"abcdef").hexdigest()

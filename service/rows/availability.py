@@ -1,4 +1,4 @@
-"""Results that are there, and those that are no more."""
+"""Whether a job's results can be had: they are not there yet, never will be, or are removed."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.errors import EndedError, GoneError, NotReadyError
-from service.rows import finished
+from service.rows import availability
 from service.rows.states import State
 from service.storage import Storage
 from tests.unit.service.job_rows import added
@@ -14,7 +14,7 @@ OVER = "there will be no results, so run it again."
 
 
 def test_a_job_that_has_succeeded_has_results(engine: sa.Engine) -> None:
-    finished.check_succeeded(added(engine, "a", state=State.SUCCEEDED))
+    availability.check_succeeded(added(engine, "a", state=State.SUCCEEDED))
 
 
 @pytest.mark.parametrize(
@@ -33,19 +33,19 @@ def test_a_job_without_results_is_refused_for_what_it_is_at(
     state: str, error: type[Exception], said: str, engine: sa.Engine
 ) -> None:
     with pytest.raises(error) as told:
-        finished.check_succeeded(added(engine, "a", state=state))
+        availability.check_succeeded(added(engine, "a", state=state))
     assert (type(told.value), str(told.value)) == (error, said)
 
 
 def test_a_file_that_is_not_in_the_store_any_more_is_gone(storage: Storage) -> None:
     storage.put("jobs/a/1/lamp1.jpg", b"light")
-    with finished.deleted_meanwhile():
+    with availability.deleted_meanwhile():
         assert storage.get("jobs/a/1/lamp1.jpg") == b"light"
-    with pytest.raises(GoneError) as told, finished.deleted_meanwhile():
+    with pytest.raises(GoneError) as told, availability.deleted_meanwhile():
         storage.get("jobs/a/1/lamp2.jpg")
     assert str(told.value) == "The job is being deleted; its results are gone."
 
 
 def test_other_faults_of_the_store_stay_what_they_are() -> None:
-    with pytest.raises(PermissionError), finished.deleted_meanwhile():
+    with pytest.raises(PermissionError), availability.deleted_meanwhile():
         raise PermissionError("the disk")
