@@ -1,29 +1,23 @@
-"""Makes a job of a request: checks the pair, stores it, queues it."""
+"""Makes a job of a pair that was sent: checks it, stores it, queues it."""
 
 from __future__ import annotations
 
-import contextlib
 import uuid
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import sqlalchemy as sa
 from obstore.exceptions import BaseError
-from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
-from service import tracing
 from service.allowed import check_webhook
 from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
+from service.api.commit_job import commit
 from service.api.context import Context
 from service.api.idempotency import hash_of, replay
 from service.api.intake import Intake
-from service.api.models import Handling
 from service.api.named_calibrations import complete
 from service.api.submission import Submission
-from service.api.uploaded_pairs import bring_uploaded, take_over
+from service.api.uploaded_pairs import bring_uploaded
 from service.errors import (
     AttemptError,
     CrashError,
@@ -31,15 +25,12 @@ from service.errors import (
     KilledError,
     MemoryLimitError,
     OutputLimitError,
-    QuotaError,
     StorageFullError,
-    StoredQuotaError,
     TimeLimitError,
     UnreadyError,
 )
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, job_key
-from service.rows import eta, jobs, uploads
 from service.rows.keys import Scope
 from service.spectra import check_spectra
 from service.workers import sandbox
@@ -95,58 +86,6 @@ def accept_pair(submission: Submission, wanted: Intake) -> Accepted:
         "request_hash": request_hash,
     }
     return commit(submission, values, options, wanted.handling, wanted.uploads)
-
-
-def commit(
-    submission: Submission,
-    values: dict[str, Any],
-    options: BaseModel,
-    handling: Handling,
-    taken: Mapping[str, str],
-) -> Accepted:
-    """Commit row and queue entry of a job whose files are stored; without it, remove the files.
-
-    values: of the row, as far as the other arguments do not give them. taken: ids of uploads that
-    the job takes over, by frame. Raises IdempotencyError, QuotaError, StoredQuotaError, and
-    OptionError for uploads that are gone.
-    """
-    context, caller = submission.context, submission.caller
-    row = make_row(submission, values, options, handling)
-    try:
-        with context.engine.begin() as connection:
-            take_over(connection, caller, taken)  # first, so that their bytes count once
-            rank = jobs.add(connection, row, handling.deadline_seconds)
-            context.queue.submit(connection, row["id"], rank)
-    except (QuotaError, StoredQuotaError):
-        context.storage.delete_below(job_key(row["id"]))
-        raise
-    except (sa.exc.IntegrityError, OptionError):
-        context.storage.delete_below(job_key(row["id"]))
-        earlier = replay(submission, row["request_hash"])
-        if earlier is None:  # what made it fail is gone, or it did not fail over the key
-            raise
-        return earlier
-    with contextlib.suppress(BaseError):  # what stays is removed as pieces without an upload
-        for upload_id in taken.values():
-            uploads.delete_parts(context.storage, upload_id)
-    return Accepted(row["id"], replayed=False)
-
-
-def make_row(
-    submission: Submission, values: dict[str, Any], options: BaseModel, handling: Handling
-) -> dict[str, Any]:
-    """Make the row of a job; values: what the other arguments do not give of it."""
-    asked = options.model_dump(mode="json", exclude_unset=True)
-    return values | {
-        "owner": submission.caller.owner,
-        "trace_id": submission.trace_id,
-        "idempotency_key": submission.idempotency_key,
-        "options": asked,
-        "likeness": eta.likeness(asked, values.get("stored_bytes", 0), values.get("capture")),
-        "priority": handling.priority,
-        "webhook": handling.webhook and handling.webhook.model_dump(),
-        "span_id": tracing.span_id(),
-    }
 
 
 def _store_pair(submission: Submission, job_id: str, wanted: Intake) -> dict[str, str]:

@@ -13,10 +13,10 @@ import drivers
 from pipeline.errors import OptionError, counted
 from pipeline.options import Options
 from service.allowed import check_camera, check_flash, check_webhook
-from service.api.accept_pair import make_row
 from service.api.accepted_job import Accepted
 from service.api.admission import refuse_when_full
 from service.api.callers import Caller, find
+from service.api.commit_job import make_row
 from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of

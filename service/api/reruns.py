@@ -10,11 +10,11 @@ from pipeline.errors import OptionError
 from service.allowed import check_webhook
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept_pair import commit
 from service.api.accepted_job import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
 from service.api.callers import find
+from service.api.commit_job import commit
 from service.api.idempotency import as_asked, digest, replay
 from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
