@@ -45,7 +45,7 @@ class OperatorActions:
     def newest(self, state: State | None, limit: int) -> list[jobs.Job]:
         """Up to `limit` jobs, newest first; state: those in it only."""
         with self.engine.connect() as connection:
-            return jobs.newest(connection, state, limit)
+            return jobs.page(connection, None, limit, state=state)
 
     def find(self, job_id: str) -> jobs.Job:
         """Find a job. Raises UnknownJobError."""

@@ -1,4 +1,4 @@
-"""Makes jobs of what was read of requests, each in one of the threads for what it waits for."""
+"""Makes the job that a request asks for, in a thread that only what it waits for can hold up."""
 
 from __future__ import annotations
 

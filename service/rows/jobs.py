@@ -161,13 +161,20 @@ def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> 
 
 
 def page(
-    connection: sa.Connection, owner: str | None, limit: int, after: tuple[float, str] | None
+    connection: sa.Connection,
+    owner: str | None,
+    limit: int,
+    after: tuple[float, str] | None = None,
+    state: State | None = None,
 ) -> list[Job]:
     """Up to `limit` jobs of an owner, or of all for None, newest first.
 
-    after: `created` and id of a job that may be gone; those that are older.
+    after: `created` and id of a job that may be gone; those that are older. state: those in it
+    only.
     """
     query = _paged(sa.select(jobs), owner, limit, after)
+    if state:
+        query = query.where(jobs.c.state == state)
     return [_job(row) for row in connection.execute(query)]
 
 
@@ -198,14 +205,6 @@ def kept_calibrations(connection: sa.Connection, owner: str, setup: str | None) 
     own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named, KEPT_FOR_SETUP)
     rows = connection.execute(sa.select(jobs).where(own).order_by(jobs.c.created.desc()))
     return [_job(row) for row in rows]
-
-
-def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
-    """Up to `limit` jobs of all owners, newest first; state: those in it only."""
-    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
-    if state:
-        query = query.where(jobs.c.state == state)
-    return [_job(row) for row in connection.execute(query)]
 
 
 def request_cancel(

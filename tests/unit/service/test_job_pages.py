@@ -30,7 +30,7 @@ def test_the_newest_jobs_of_a_state_are_found_by_an_index(
     state: State | None, engine: sa.Engine
 ) -> None:
     with engine.connect() as connection, plans(engine) as found:
-        assert jobs.newest(connection, state, 100) == []
+        assert jobs.page(connection, None, 100, state=state) == []
     (plan,) = found
     assert f"USING INDEX {'jobs_by_state' if state else 'jobs_by_time'}" in plan
     assert "TEMP B-TREE" not in plan

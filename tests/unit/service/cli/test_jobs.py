@@ -145,7 +145,7 @@ def test_a_job_that_may_still_run_is_not_made_anew(
     assert run(["jobs", "retry", "a"]) == 2
     assert "The job is queued" in capsys.readouterr().err
     with context.engine.connect() as connection:
-        assert len(jobs.newest(connection, None, 10)) == 1
+        assert len(jobs.page(connection, None, 10)) == 1
 
 
 def test_without_its_photographs_a_job_is_not_made_anew(
@@ -278,7 +278,7 @@ def test_a_state_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -
 
 def _ids(context: Context) -> list[str]:
     with context.engine.connect() as connection:
-        return sorted(job.id for job in jobs.newest(connection, None, 10))
+        return sorted(job.id for job in jobs.page(connection, None, 10))
 
 
 def _refused(context: Context, capsys: pytest.CaptureFixture[str]) -> str:

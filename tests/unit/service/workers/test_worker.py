@@ -220,7 +220,7 @@ def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_
         one.keep()
     assert withdrawn == [("a", "b"), ("c",)]
     with one._engine.connect() as connection:
-        found = {job.id: job.state for job in jobs.newest(connection, None, 10)}
+        found = {job.id: job.state for job in jobs.page(connection, None, 10)}
     assert found == dict.fromkeys("abc", State.FAILED) | {"in time": State.QUEUED}
 
 
