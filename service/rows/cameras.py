@@ -16,7 +16,7 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
 import drivers
-from service.rows import heartbeats, jobs, queues
+from service.rows import attempts, heartbeats, jobs, queues
 from service.rows.database import cameras, may_be_id, now
 from service.rows.database import jobs as rows
 from service.rows.states import ENDED, HELD
@@ -115,7 +115,7 @@ def count_waiting(connection: sa.Connection, camera: str) -> int:
 
 
 def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
-    """Start the next capture of a job, as jobs.claim does, once nobody else uses its camera.
+    """Start the next capture of a job, as attempts.claim does, once nobody else uses its camera.
 
     Nor the operator's switch, which is one for all cameras, where the job's flash is on it. A job
     that has its pair already is claimed from a dead worker alone, to be passed on.
@@ -135,7 +135,7 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     job = jobs.find(connection, job_id)  # as it is now that others wait
     if job is None or is_past_capture(job):
         return None
-    return jobs.claim(connection, job_id, worker, queues.CAPTURE)
+    return attempts.claim(connection, job_id, worker, queues.CAPTURE)
 
 
 def is_switch_in_use(connection: sa.Connection, besides: str) -> bool:

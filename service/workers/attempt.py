@@ -28,7 +28,7 @@ from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
 from service.patience import note, passes
 from service.problems import problem_of
-from service.rows import eta, jobs, kept
+from service.rows import attempts, eta, jobs, kept
 from service.rows.database import AWAY
 from service.rows.states import State
 from service.settings import Settings
@@ -143,7 +143,7 @@ class Attempt:
     def _put_back(self, pass_on: PassOn) -> bool:
         def write() -> bool:
             with self._engine.begin() as connection:
-                counts = jobs.release(connection, self._job)
+                counts = attempts.release(connection, self._job)
                 if counts:
                     pass_on(connection)
                 return counts
@@ -178,7 +178,7 @@ class Attempt:
             self._stages.enter("store")
             results = [self._store(path) for path in results_of(directory)]
         self._stages.end()
-        counts = self._end(partial(jobs.succeed, stage_seconds=self._stages.seconds), results)
+        counts = self._end(partial(attempts.succeed, stage_seconds=self._stages.seconds), results)
         if counts:
             self._log.info("succeeded")
             tracing.note("outcome", "succeeded")
@@ -202,7 +202,7 @@ class Attempt:
                 if row and row.inputs:
                     inputs = kept.with_camera(row.inputs, manifest["taken_with"])
                     size, settings = row.stored_bytes, row.camera_settings
-                    jobs.set_inputs(connection, self._job, inputs, size, settings)
+                    attempts.set_inputs(connection, self._job, inputs, size, settings)
 
         self._means.patiently(write)
 
@@ -244,7 +244,7 @@ class Attempt:
             return
         self._reported = (stage, time.monotonic())
         with contextlib.suppress(*AWAY), self._engine.begin() as connection:
-            jobs.report(
+            attempts.report(
                 connection,
                 self._job,
                 stage,
@@ -255,7 +255,7 @@ class Attempt:
 
     def fail(self, problem: dict[str, Any]) -> bool:
         """End the job with a problem; whether this counts."""
-        counts = self._end(jobs.fail, problem)
+        counts = self._end(attempts.fail, problem)
         if counts:
             self._log.info("failed: %s", problem["type"])
             tracing.note("outcome", problem["type"])
@@ -292,11 +292,11 @@ class Attempt:
         Files of it that are not ours to delete stay: a worker tries again whatever is raised.
         """
         with self._engine.begin() as connection:
-            canceled = jobs.acknowledge_cancel(connection, self._job, self._keep_seconds)
+            canceled = attempts.acknowledge_cancel(connection, self._job, self._keep_seconds)
             if lost:  # either puts back what has not ended
-                jobs.lose(connection, self._job)
+                attempts.lose(connection, self._job)
             else:
-                jobs.release(connection, self._job)
+                attempts.release(connection, self._job)
             row = jobs.find(connection, self._job.id)
         if canceled:
             self._log.info("canceled")

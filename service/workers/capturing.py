@@ -13,7 +13,7 @@ from service.errors import AttemptError
 from service.frames import FRAMES
 from service.object_keys import captured_key
 from service.problems import problem_of
-from service.rows import cameras, jobs
+from service.rows import attempts, cameras, jobs
 from service.rows.database import AWAY
 from service.settings import Settings
 from service.workers import host, sandbox
@@ -102,11 +102,11 @@ def ask_operator(means: Means, request: str, seconds: float, is_void: Callable[[
 
     def ask() -> None:
         with means.engine.begin() as connection:
-            jobs.ask_operator(connection, means.job, request, seconds)
+            attempts.ask_operator(connection, means.job, request, seconds)
 
     def look() -> bool | None:
         with means.engine.begin() as connection:
-            return jobs.confirmed(connection, means.job)
+            return attempts.confirmed(connection, means.job)
 
     means.patiently(ask)
     while (done := means.patiently(look)) is None and not is_void():
@@ -124,7 +124,7 @@ def _keep_pair(means: Means, directory: Path, settings: dict[str, Any]) -> bool:
 
     def write() -> bool:
         with means.engine.begin() as connection:
-            return jobs.set_inputs(connection, means.job, inputs, size, settings)
+            return attempts.set_inputs(connection, means.job, inputs, size, settings)
 
     return means.patiently(write)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import sqlalchemy as sa
 
 from service.errors import DeadlineError
-from service.rows import jobs
+from service.rows import attempts, jobs
 from service.rows.database import AWAY
 from service.workers import sandbox
 
@@ -68,12 +68,12 @@ class Stopping:
     def is_void(self) -> bool:
         """Whether what the attempt does counts no more, as the job's row says now."""
         with self._engine.connect() as connection:
-            return jobs.must_stop(connection, self._job)
+            return attempts.must_stop(connection, self._job)
 
     def _look(self) -> bool:
         with self._engine.connect() as connection:
-            stop = jobs.must_stop(connection, self._job)
-            late = self._job.deadline is not None and jobs.is_late(connection, self._job)
+            stop = attempts.must_stop(connection, self._job)
+            late = self._job.deadline is not None and attempts.is_late(connection, self._job)
         if late and not stop:
             raise DeadlineError
         return stop

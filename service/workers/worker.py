@@ -26,7 +26,7 @@ from service.opening import open_database, open_storage
 from service.patience import note, passes
 from service.problems import cause_of, problem_of
 from service.retention import Sweep
-from service.rows import cameras, database, heartbeats, jobs, waiting
+from service.rows import attempts, cameras, database, heartbeats, jobs, waiting
 from service.rows.states import State
 from service.settings import Settings
 from service.workers import capturing, host, presence, sandbox, scratch
@@ -169,7 +169,7 @@ class Worker:
         followed by another, and counts as lost unless what cut it short may pass, like a database
         that is away.
         """
-        self._alone(job_id, lambda: self._run(job_id, jobs.claim, _has_ended, again))
+        self._alone(job_id, lambda: self._run(job_id, attempts.claim, _has_ended, again))
 
     def capture(self, job_id: str) -> None:
         """Have the camera of a job take its pair. Returns only when it has, or the job has ended.
@@ -291,12 +291,12 @@ class Worker:
 
     def _finish(self, job: jobs.Job, attempt: Attempt, again: int) -> bool:
         """Do what is left of a job; whether it was queued once more, for a newer worker."""
-        ends = job.state == State.CANCELING or job.lost >= jobs.LOST_ATTEMPTS
+        ends = job.state == State.CANCELING or job.lost >= attempts.LOST_ATTEMPTS
         if ends and job.captures:  # the attempt before this one died, perhaps between photographs
             capturing.leave_flash_off(job, self._settings)
         if job.state == State.CANCELING:
             attempt.give_up()
-        elif job.lost >= jobs.LOST_ATTEMPTS:
+        elif job.lost >= attempts.LOST_ATTEMPTS:
             log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
             problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
             attempt.fail(problem)

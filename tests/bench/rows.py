@@ -23,7 +23,7 @@ import sqlalchemy as sa
 
 from service import answers, dbos_queue, migrations
 from service.dbos_queue import Queue
-from service.rows import database, expiry, jobs, quotas, waiting
+from service.rows import attempts, database, expiry, jobs, quotas, waiting
 from service.settings import Settings
 
 _SMALL, _LARGE = 1_000, 1_000_000
@@ -126,19 +126,19 @@ class Rows:
     def claim(self) -> None:
         """Start an attempt at the job that came last."""
         with self.engine.begin() as connection:
-            self._held = jobs.claim(connection, self._new, "worker")
+            self._held = attempts.claim(connection, self._new, "worker")
 
     def look(self) -> None:
         """Ask, as an attempt does, whether to stop."""
         assert self._held is not None
         with self.engine.connect() as connection:
-            assert not jobs.must_stop(connection, self._held)
+            assert not attempts.must_stop(connection, self._held)
 
     def end(self) -> None:
         """Make the held job succeed."""
         assert self._held is not None
         with self.engine.begin() as connection:
-            assert jobs.succeed(connection, self._held, [_RESULT] * 2, _SECONDS, _DAY)
+            assert attempts.succeed(connection, self._held, [_RESULT] * 2, _SECONDS, _DAY)
 
     def state(self) -> None:
         """Read one job."""

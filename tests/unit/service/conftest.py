@@ -23,7 +23,7 @@ from service.api import create_app
 from service.api.context import Context, open_context
 from service.media import media_type
 from service.object_keys import results_key
-from service.rows import database, jobs
+from service.rows import attempts, database
 from service.sending.client import Client
 from service.settings import Settings
 from service.storage import Storage
@@ -164,7 +164,7 @@ def finish(context: Context) -> Callable[[str, dict[str, bytes]], None]:
 
     def end(job_id: str, files: dict[str, bytes]) -> None:
         with context.engine.begin() as connection:
-            job = jobs.claim(connection, job_id, "a worker")
+            job = attempts.claim(connection, job_id, "a worker")
         assert job is not None
         results = []
         for name, data in files.items():
@@ -178,7 +178,7 @@ def finish(context: Context) -> Callable[[str, dict[str, bytes]], None]:
                 }
             )
         with context.engine.begin() as connection:
-            assert jobs.succeed(connection, job, results)
+            assert attempts.succeed(connection, job, results)
 
     return end
 

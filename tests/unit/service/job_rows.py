@@ -6,7 +6,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.rows import heartbeats, jobs
+from service.rows import attempts, heartbeats, jobs
 from tests.unit.service.asking import stored
 
 
@@ -21,7 +21,7 @@ def added(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
 def claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:
     """What a worker gets that asks for a job."""
     with engine.begin() as connection:
-        return jobs.claim(connection, job_id, worker)
+        return attempts.claim(connection, job_id, worker)
 
 
 def claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:

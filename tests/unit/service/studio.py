@@ -15,7 +15,7 @@ from drivers.sim.responder import RELEASES
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.problems import problem_of
-from service.rows import cameras, jobs
+from service.rows import attempts, cameras, jobs
 from service.settings import Settings
 from service.workers import camera_tasks, sandbox
 from service.workers.tasks import CameraOrder, Kind, Limits, Task, Tell
@@ -74,5 +74,5 @@ def take(context: Context, job_id: str, settings: dict[str, Any]) -> None:
     held = hold(context, job_id)
     inputs = {frame: {"key": frame, "sha256": "0" * 64} for frame in ("no_flash", "flash")}
     with context.engine.begin() as connection:
-        assert jobs.set_inputs(connection, held, inputs, 2, settings)
-        assert jobs.release(connection, held)
+        assert attempts.set_inputs(connection, held, inputs, 2, settings)
+        assert attempts.release(connection, held)

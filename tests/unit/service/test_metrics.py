@@ -11,7 +11,7 @@ from prometheus_client import REGISTRY, CollectorRegistry, generate_latest
 
 from service import metrics
 from service.errors import MalformedRequestError, StartError
-from service.rows import database, heartbeats, jobs
+from service.rows import attempts, database, heartbeats, jobs
 from service.settings import Settings
 
 
@@ -44,7 +44,7 @@ def test_what_is_in_the_database_is_asked_for_at_each_look(engine: sa.Engine) ->
     _add(engine, "b")
     with engine.begin() as connection:
         heartbeats.beat(connection, "w")
-        jobs.claim(connection, "b", "w")
+        attempts.claim(connection, "b", "w")
         connection.execute(sa.update(database.jobs).values(created=database.jobs.c.created - 60))
     told = dict(line.rsplit(" ", 1) for line in _told(engine))
     assert told["lightlayers_database_up"] == "1.0"
@@ -70,10 +70,10 @@ def test_jobs_count_when_they_come_and_when_they_end(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
         jobs.request_cancel(connection, "a")
-        held = jobs.claim(connection, "b", "w")
+        held = attempts.claim(connection, "b", "w")
         assert held is not None
-        assert jobs.fail(connection, held, {})
-        assert not jobs.fail(connection, held, {})
+        assert attempts.fail(connection, held, {})
+        assert not attempts.fail(connection, held, {})
     assert _count("lightlayers_jobs_accepted_total") == accepted + 2
     assert _count("lightlayers_jobs_finished_total", outcome="canceled") == canceled + 1
     assert _count("lightlayers_jobs_finished_total", outcome="failed") == failed + 1

@@ -14,7 +14,7 @@ from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
 from service.retention import Sweep
-from service.rows import cameras, database, deliveries, expiry, heartbeats, jobs, uploads
+from service.rows import attempts, cameras, database, deliveries, expiry, heartbeats, uploads
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
@@ -112,13 +112,13 @@ def test_a_deleted_job_is_removed_though_its_webhook_is_not_told(
 ) -> None:
     job_id = stored_job(context, webhook={"url": "https://example.org", "secret": "s"})
     with context.engine.begin() as connection:
-        running = jobs.claim(connection, job_id, "a worker")
+        running = attempts.claim(connection, job_id, "a worker")
     assert running is not None
     with monkeypatch.context() as dying:  # the API, before anything is removed
         dying.setattr("service.api.jobs.remove", lambda *_arguments: None)
         assert http.delete(f"/jobs/{job_id}").status_code == 204
     with context.engine.begin() as connection:
-        assert jobs.acknowledge_cancel(connection, running, 2 * 86400)
+        assert attempts.acknowledge_cancel(connection, running, 2 * 86400)
     sweep.run(thorough=False)
     assert rows_of(context) == []
 
@@ -276,7 +276,7 @@ def test_a_delete_that_was_cut_short_is_finished(
     if state == "running":
         with context.engine.begin() as connection:
             heartbeats.beat(connection, "w")
-            held = jobs.claim(connection, job_id, "w")
+            held = attempts.claim(connection, job_id, "w")
     if state == "succeeded":
         finish(job_id, {"manifest.json": b"{}"})
 
@@ -290,7 +290,7 @@ def test_a_delete_that_was_cut_short_is_finished(
         sweep.run(thorough=False)
         assert [job.state for job in rows_of(context)] == [State.CANCELING]
         with context.engine.begin() as connection:
-            assert jobs.acknowledge_cancel(connection, held, 1000)
+            assert attempts.acknowledge_cancel(connection, held, 1000)
     sweep.run(thorough=False)
     assert rows_of(context) == []
     assert _files(context) == []

@@ -16,7 +16,7 @@ from standardwebhooks import Webhook
 from service import webhooks
 from service.api.context import Context
 from service.outgoing import Answer, UnansweredError
-from service.rows import deliveries, expiry, jobs
+from service.rows import attempts, deliveries, expiry, jobs
 from service.rows.states import State
 from service.settings import Settings
 from service.webhooks import Deliverer, queue_deliveries, retry_after
@@ -60,9 +60,9 @@ def _add(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
 def _ended(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
     _add(engine, job_id, url)
     with engine.begin() as connection:
-        held = jobs.claim(connection, job_id, "w1")
+        held = attempts.claim(connection, job_id, "w1")
         assert held is not None
-        assert jobs.succeed(connection, held, [])
+        assert attempts.succeed(connection, held, [])
 
 
 def _begun(engine: sa.Engine, queue: Any) -> int:
@@ -71,9 +71,9 @@ def _begun(engine: sa.Engine, queue: Any) -> int:
 
 
 ENDS: dict[State, Callable[[sa.Connection, jobs.Job], object]] = {
-    State.SUCCEEDED: lambda connection, held: jobs.succeed(connection, held, []),
-    State.FAILED: lambda connection, held: jobs.fail(connection, held, {}),
-    State.CANCELED: jobs.acknowledge_cancel,
+    State.SUCCEEDED: lambda connection, held: attempts.succeed(connection, held, []),
+    State.FAILED: lambda connection, held: attempts.fail(connection, held, {}),
+    State.CANCELED: attempts.acknowledge_cancel,
 }
 
 
@@ -81,7 +81,7 @@ ENDS: dict[State, Callable[[sa.Connection, jobs.Job], object]] = {
 def test_every_end_is_delivered_once(end: State, engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
-        held = jobs.claim(connection, "a", "w1")
+        held = attempts.claim(connection, "a", "w1")
         assert held is not None
         if end == State.CANCELED:
             jobs.request_cancel(connection, "a")
@@ -142,9 +142,9 @@ def test_a_delivery_outlasts_a_database_that_is_away_or_busy(
 def test_an_end_that_was_rolled_back_is_not_delivered(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.connect() as connection:
-        held = jobs.claim(connection, "a", "w1")
+        held = attempts.claim(connection, "a", "w1")
         assert held is not None
-        assert jobs.succeed(connection, held, [])
+        assert attempts.succeed(connection, held, [])
         connection.rollback()
     assert _begun(engine, queue) == 0
     assert stored(engine, "a").state == State.QUEUED
@@ -348,12 +348,12 @@ def test_a_job_whose_removal_hangs_is_not_delivered(
 ) -> None:
     (_ended if moment == "it has ended" else _add)(engine, "a")
     with engine.begin() as connection:
-        held = jobs.claim(connection, "a", "w1") if moment == "it runs" else None
+        held = attempts.claim(connection, "a", "w1") if moment == "it runs" else None
         jobs.request_cancel(connection, "a")
         expiry.condemn(connection, "a")
     if held:
         with engine.begin() as connection:
-            assert jobs.acknowledge_cancel(connection, held, 86400)
+            assert attempts.acknowledge_cancel(connection, held, 86400)
     assert stored(engine, "a").finished
     assert _begun(engine, queue) == 0
 
@@ -361,9 +361,9 @@ def test_a_job_whose_removal_hangs_is_not_delivered(
 def test_a_job_that_is_kept_for_a_time_is_due(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
-        held = jobs.claim(connection, "a", "w1")
+        held = attempts.claim(connection, "a", "w1")
         assert held is not None
-        assert jobs.succeed(connection, held, [], keep_seconds=0.001)
+        assert attempts.succeed(connection, held, [], keep_seconds=0.001)
     time.sleep(0.01)
     assert _begun(engine, queue) == 1
 

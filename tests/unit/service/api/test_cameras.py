@@ -16,7 +16,7 @@ import drivers
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.errors import NoProcessError, StorageFullError
-from service.rows import cameras, jobs
+from service.rows import attempts, cameras
 from service.settings import Settings
 from service.workers import camera_tasks
 from service.workers.tasks import FindCameras
@@ -127,7 +127,7 @@ class TestList:
         assert (here["state"], here["holder"], here["waiting"]) == ("capturing", first, 1)
         assert (here["model"], here["battery_percent"]) == ("NIKON D5100", 87)
         with context.engine.begin() as connection:
-            jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+            attempts.ask_operator(connection, held, "Switch the flash off.", 60)
         assert http.get("/cameras").json()[1]["state"] == "waiting_for_operator"
         assert second != first
 

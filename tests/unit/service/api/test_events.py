@@ -15,7 +15,7 @@ from service.api import job_updates
 from service.api.callers import Caller, Standing
 from service.api.context import Context
 from service.api.job_updates import JobUpdates
-from service.rows import database, deliveries, expiry, jobs
+from service.rows import attempts, database, deliveries, expiry, jobs
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 from tests.unit.service.receiver import SECRET
@@ -46,16 +46,16 @@ def test_a_job_is_told_as_it_happens_up_to_its_end(http: httpx.Client, context: 
         http.get(job["links"]["self"]).json(),
     )
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, job["id"], "w1")
+        held = attempts.claim(connection, job["id"], "w1")
     assert held is not None
     second = next(stream)
     assert (second.id, second.data["state"], second.data["position"]) == ("2", "running", None)
     with context.engine.begin() as connection:
-        jobs.report(connection, held, "layers", 0.5, 0.7)
+        attempts.report(connection, held, "layers", 0.5, 0.7)
     third = next(stream)
     assert (third.id, third.data["stage"], third.data["progress"]) == ("3", "layers", 0.7)
     with context.engine.begin() as connection:
-        assert jobs.succeed(connection, held, [])
+        assert attempts.succeed(connection, held, [])
     last = next(stream)
     assert (last.id, last.data) == ("4", http.get(job["links"]["self"]).json())
     assert list(stream) == []
@@ -103,7 +103,7 @@ def test_who_has_seen_all_so_far_of_a_job_that_goes_on_is_told_what_comes(
 def test_a_deleted_job_ends_the_stream(http: httpx.Client, context: Context) -> None:
     job = post_capture(http)
     with context.engine.begin() as connection:
-        assert jobs.claim(connection, job["id"], "w1")
+        assert attempts.claim(connection, job["id"], "w1")
     stream = _watch(http, job)
     next(stream)
     http.delete(job["links"]["self"])

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 
 from drivers import capture_pair, open_camera
 from service.api.context import Context
-from service.rows import expiry, jobs
+from service.rows import attempts, expiry, jobs
 from service.settings import Settings
 from tests.jpeg_xl import in_jpeg_xl
 from tests.png_bombs import png_of
@@ -376,7 +376,7 @@ class TestConfirm:
         job = capture(flash="operator").json()["jobs"][0]
         held = hold(context, job["id"])
         with context.engine.begin() as connection:
-            jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
+            attempts.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
         shown = http.get(f"/jobs/{job['id']}").json()
         assert shown["state"] == "waiting_for_operator"
         assert shown["operator"]["request"] == "Switch the flash off, then confirm."
@@ -401,7 +401,7 @@ class TestConfirm:
         for request in ("off", "on"):
             with context.engine.begin() as connection:
                 jobs.confirm(connection, job["id"])
-                jobs.ask_operator(connection, held, f"Switch the flash {request}.", 60)
+                attempts.ask_operator(connection, held, f"Switch the flash {request}.", 60)
         here = f"/jobs/{job['id']}/confirm"
         assert problem_of(http.post(f"{here}?request=1"))[:2] == (409, "not-ready")
         assert http.post(here).json()["state"] == "running"
@@ -412,7 +412,7 @@ class TestConfirm:
         job = capture(flash="operator").json()["jobs"][0]
         held = hold(context, job["id"])
         with context.engine.begin() as connection:
-            jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+            attempts.ask_operator(connection, held, "Switch the flash off.", 60)
         canceling = http.post(f"/jobs/{job['id']}/cancel").json()
         assert (canceling["state"], canceling["operator"]) == ("canceling", None)
         assert problem_of(http.post(f"/jobs/{job['id']}/confirm"))[:2] == (409, "not-ready")

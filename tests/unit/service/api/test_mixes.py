@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from service.api.context import Context
-from service.rows import expiry, jobs
+from service.rows import attempts, expiry, jobs
 from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
 from tests.unit.service.attempts import attempt_at
 
@@ -143,7 +143,7 @@ def test_a_mix_whose_layers_are_deleted_fails_with_that_reason(
     mix = http.post(f"/jobs/{of}/mix", json=TWO).json()
     http.delete(f"/jobs/{of}").raise_for_status()
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, mix["id"], "w")
+        held = attempts.claim(connection, mix["id"], "w")
     attempt_at(held, context).run()
 
     failed = http.get(f"/jobs/{mix['id']}").json()

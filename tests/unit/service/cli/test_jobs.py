@@ -12,7 +12,7 @@ from service.api.context import Context
 from service.cli import run
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key
-from service.rows import cameras, database, jobs, keys
+from service.rows import attempts, cameras, database, jobs, keys
 from service.rows.states import State
 from service.settings import Settings
 from tests.unit.service.asking import bearing, owner_of, stored
@@ -47,9 +47,9 @@ def _a_job(context: Context) -> None:
 
 def _fail(context: Context) -> None:
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, "a", "w")
+        held = attempts.claim(connection, "a", "w")
         assert held is not None
-        assert jobs.fail(connection, held, {"type": "urn:lightlayers:problem:crashed"})
+        assert attempts.fail(connection, held, {"type": "urn:lightlayers:problem:crashed"})
 
 
 def test_jobs_of_all_owners_are_listed(
@@ -58,9 +58,9 @@ def test_jobs_of_all_owners_are_listed(
     other = {"id": "b", "owner": "", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
     with context.engine.begin() as connection:
         jobs.add(connection, other)
-        held = jobs.claim(connection, "b", "w")
+        held = attempts.claim(connection, "b", "w")
         assert held is not None
-        jobs.report(connection, held, "align", 0.25)
+        attempts.report(connection, held, "align", 0.25)
     assert run(["jobs", "list"]) == 0
     lines = sorted(line.split() for line in capsys.readouterr().out.splitlines())
     assert [line[:2] for line in lines] == [["a", "queued"], ["b", "running"]]
@@ -188,7 +188,7 @@ def test_a_running_job_is_asked_to_stop(
     context: Context, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with context.engine.begin() as connection:
-        jobs.claim(connection, "a", "w")
+        attempts.claim(connection, "a", "w")
     assert run(["jobs", "cancel", "a"]) == 0
     assert capsys.readouterr().out == "canceling\n"
 
@@ -215,9 +215,9 @@ def test_what_a_job_asks_for_is_shown_and_confirmed(
     context: Context, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, "a", "w")
+        held = attempts.claim(connection, "a", "w")
         assert held is not None
-        jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
+        attempts.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
     assert run(["jobs", "list", "--state", "waiting_for_operator"]) == 0
     line, request = capsys.readouterr().out.splitlines()
     assert line.split()[:2] == ["a", "waiting_for_operator"]
@@ -242,7 +242,7 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
         jobs.add(connection, row | {"camera": camera, "capture": {"camera": "sim://studio"}})
         held = cameras.claim(connection, "c", "w")
         assert held is not None
-        jobs.fail(connection, held, {"type": "urn:lightlayers:problem:camera-failed"})
+        attempts.fail(connection, held, {"type": "urn:lightlayers:problem:camera-failed"})
         connection.execute(sa.update(database.cameras).values(host=host))
     assert run(["jobs", "retry", "c"]) == 0
     new_id = capsys.readouterr().out.strip()

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service.rows import cameras, database, heartbeats, jobs, queues, waiting
+from service.rows import attempts, cameras, database, heartbeats, jobs, queues, waiting
 from service.rows.states import State
 
 ADDRESS = "ptp+ip://192.168.1.20"
@@ -120,9 +120,9 @@ def test_one_job_at_a_time_has_a_camera(engine: sa.Engine, camera: str) -> None:
     found = _look(engine, camera)
     assert found.holder == held and found.waiting == 1
     with engine.begin() as connection:
-        assert jobs.set_inputs(connection, held, {}, 1, {"iso": 100})
+        assert attempts.set_inputs(connection, held, {}, 1, {"iso": 100})
         assert cameras.holder(connection, camera) == jobs.find(connection, "a")
-        assert jobs.release(connection, held)
+        assert attempts.release(connection, held)
     assert _look(engine, camera).holder is None
     other = _claim(engine, "b", "w2")
     assert other and other.id == "b"
@@ -143,9 +143,9 @@ def test_jobs_of_two_cameras_wait_for_the_one_switch_of_their_flash(engine: sa.E
     assert held and _claim(engine, "b", "w2") is None
     assert _claim(engine, "c", "w2")  # whose flash the camera switches
     with engine.begin() as connection:
-        assert jobs.set_inputs(connection, held, {}, 1, {})
-        assert jobs.release(connection, held)
-        assert jobs.claim(connection, "a", "w1")  # to separate the pair, which needs no flash
+        assert attempts.set_inputs(connection, held, {}, 1, {})
+        assert attempts.release(connection, held)
+        assert attempts.claim(connection, "a", "w1")  # to separate the pair, which needs no flash
     other = _claim(engine, "b", "w2")
     assert other and other.id == "b"
 
@@ -164,7 +164,7 @@ def test_a_job_that_lost_its_worker_keeps_the_switch_until_it_is_taken_over(
 def test_a_job_that_separates_does_not_hold_its_camera(engine: sa.Engine, camera: str) -> None:
     _add(engine, "a", inputs={"flash": {}})
     with engine.begin() as connection:
-        assert jobs.claim(connection, "a", "w1")
+        assert attempts.claim(connection, "a", "w1")
     found = _look(engine, camera)
     assert (found.holder, found.waiting) == (None, 0)
     assert _claim(engine, "a", "w2") is None
@@ -175,7 +175,7 @@ def test_a_job_that_waits_for_its_operator_holds_its_camera(engine: sa.Engine, c
     held = _claim(engine, "a")
     assert held
     with engine.begin() as connection:
-        jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+        attempts.ask_operator(connection, held, "Switch the flash off.", 60)
     holder = _look(engine, camera).holder
     assert holder and (holder.id, holder.state) == ("a", State.WAITING_FOR_OPERATOR)
 
@@ -190,7 +190,7 @@ def test_a_dead_workers_camera_goes_with_its_job(engine: sa.Engine) -> None:
     again = _claim(engine, "a", "w2")
     assert again and (again.attempt, again.lost) == (2, 1)
     with engine.begin() as connection:
-        jobs.fail(connection, again, {})
+        attempts.fail(connection, again, {})
     assert _claim(engine, "b", "w2")
 
 
@@ -199,12 +199,12 @@ def test_a_pair_that_a_dead_worker_has_kept_is_only_passed_on(engine: sa.Engine)
     held = _claim(engine, "a")
     assert held
     with engine.begin() as connection:
-        jobs.set_inputs(connection, held, {"flash": {}}, 1, {})
+        attempts.set_inputs(connection, held, {"flash": {}}, 1, {})
         heartbeats.leave(connection, "w1")
     again = _claim(engine, "a", "w2")
     assert again and again.captures and not cameras.is_past_capture(again)
     with engine.begin() as connection:
-        jobs.release(connection, again)
+        attempts.release(connection, again)
         passed_on = jobs.find(connection, "a")
     assert passed_on and cameras.is_past_capture(passed_on)
     assert _claim(engine, "a", "w2") is None

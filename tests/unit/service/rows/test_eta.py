@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import database, eta, heartbeats, jobs, waiting
+from service.rows import attempts, database, eta, heartbeats, jobs, waiting
 from service.settings import Settings
 from tests.plans import plans
 
@@ -19,9 +19,9 @@ def _add(connection: sa.Connection, job_id: str, **values: Any) -> None:
 
 def _done(connection: sa.Connection, job_id: str, seconds: dict[str, float], **more: Any) -> None:
     _add(connection, job_id, **more)
-    held = jobs.claim(connection, job_id, "w1")
+    held = attempts.claim(connection, job_id, "w1")
     assert held is not None
-    assert jobs.succeed(connection, held, [], seconds)
+    assert attempts.succeed(connection, held, [], seconds)
 
 
 def _job(connection: sa.Connection, job_id: str) -> jobs.Job:
@@ -119,15 +119,15 @@ def test_a_running_job_ends_when_its_worker_says_until_that_has_passed(
     connection: sa.Connection,
 ) -> None:
     _add(connection, "a")
-    held = jobs.claim(connection, "a", "w1")
+    held = attempts.claim(connection, "a", "w1")
     assert held is not None
     assert _etas(connection, "a") == {}
-    jobs.report(connection, held, "layers", 0.5, 0.6, 40.0)
+    attempts.report(connection, held, "layers", 0.5, 0.6, 40.0)
     assert _etas(connection, "a") == {"a": pytest.approx(40, abs=5)}
-    jobs.report(connection, held, "layers", 0.5, 0.6, -1.0)
+    attempts.report(connection, held, "layers", 0.5, 0.6, -1.0)
     assert _etas(connection, "a") == {}
-    jobs.report(connection, held, "layers", 0.5, 0.6, 40.0)
-    jobs.release(connection, held)
+    attempts.report(connection, held, "layers", 0.5, 0.6, 40.0)
+    attempts.release(connection, held)
     released = _job(connection, "a")
     assert (released.eta, released.progress) == (None, 0.0)
 
@@ -140,7 +140,7 @@ def test_a_waiting_job_ends_after_those_before_it(connection: sa.Connection) -> 
         moved = sa.update(database.jobs).where(database.jobs.c.id == job_id)
         connection.execute(moved.values(created=1e9 + ord(job_id)))
     _add(connection, "new kind", likeness="calibrate-flash bytes-40")
-    assert jobs.claim(connection, "a", "w1")
+    assert attempts.claim(connection, "a", "w1")
     found = _etas(connection, "b", "c", "new kind")
     assert found == {"b": pytest.approx(150, abs=5), "c": pytest.approx(250, abs=5)}
     wide = _etas(connection, "b", "c", worker_concurrency=2)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import expiry, jobs
+from service.rows import attempts, expiry, jobs
 from service.rows.states import ENDED, State
 from tests.plans import plans
 from tests.unit.service.asking import stored
@@ -26,7 +26,7 @@ def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
         if job_id == "e":
             continue
         with engine.begin() as connection:
-            jobs.succeed(connection, held, [])
+            attempts.succeed(connection, held, [])
     with engine.begin() as connection:
         assert expiry.expire(connection, 10) == ["a"]
     assert [stored(engine, job_id).state for job_id in "abcde"] == [
@@ -49,7 +49,7 @@ def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
         jobs.request_cancel(connection, "a", 100)
         expiry.condemn(connection, "a")
         assert expiry.expire(connection, 10) == []
-        assert jobs.acknowledge_cancel(connection, held, 100)
+        assert attempts.acknowledge_cancel(connection, held, 100)
         assert expiry.expire(connection, 10) == ["a"]
 
 
@@ -59,7 +59,7 @@ def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -
     for job_id in "ab":
         held = claimed(engine, job_id, "w1")
         with engine.begin() as connection:
-            jobs.succeed(connection, held, [])
+            attempts.succeed(connection, held, [])
     with engine.begin() as connection:
         assert [expiry.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
     for job_id in "ab":

@@ -5,7 +5,7 @@ import itertools
 import pytest
 import sqlalchemy as sa
 
-from service.rows import database, jobs, queues
+from service.rows import attempts, database, jobs, queues
 from service.rows.fairness import MAX_RANK
 
 _numbers = itertools.count()
@@ -26,10 +26,10 @@ def _go(engine: sa.Engine, end: bool = True, camera: str | None = None) -> str:
     with engine.begin() as connection:
         waiting = sa.select(database.jobs.c.id).where(queues.waits_in_queue(camera))
         job_id: str = connection.execute(waiting.order_by(*order).limit(1)).scalar_one()
-        held = jobs.claim(connection, job_id, "w", queues.CAPTURE if camera else None)
+        held = attempts.claim(connection, job_id, "w", queues.CAPTURE if camera else None)
         assert held is not None
         if end:
-            jobs.succeed(connection, held, [])
+            attempts.succeed(connection, held, [])
     return job_id
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import database, expiry, heartbeats, jobs
+from service.rows import attempts, database, expiry, heartbeats, jobs
 from service.rows.states import NEXT, State
 from tests.unit.service.asking import stored
 from tests.unit.service.job_rows import added, claim, claimed
@@ -40,7 +40,7 @@ def test_results_make_a_job_succeed(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        assert jobs.succeed(connection, held, [{"name": "lamp1.jpg", "size": 5}])
+        assert attempts.succeed(connection, held, [{"name": "lamp1.jpg", "size": 5}])
     job = stored(engine, "a")
     assert (job.state, job.worker, job.ended) == (State.SUCCEEDED, None, True)
     assert job.results == [{"name": "lamp1.jpg", "size": 5}]
@@ -52,7 +52,7 @@ def test_an_error_makes_a_job_fail(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        assert jobs.fail(connection, held, {"detail": "too dark"})
+        assert attempts.fail(connection, held, {"detail": "too dark"})
     job = stored(engine, "a")
     assert (job.state, job.error) == (State.FAILED, {"detail": "too dark"})
 
@@ -80,13 +80,13 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
     _dies(engine, "w1")
     current = claimed(engine, "a", "w2")
     with engine.begin() as connection:
-        assert jobs.must_stop(connection, frozen)
-        jobs.report(connection, frozen, "layers", 0.9)
-        assert not jobs.set_inputs(connection, frozen, {"flash": "other"}, 1, {})
-        assert not jobs.succeed(connection, frozen, [{"name": "old", "size": 1}])
-        assert not jobs.fail(connection, frozen, {"detail": "old"})
-        jobs.release(connection, frozen)
-        assert not jobs.must_stop(connection, current)
+        assert attempts.must_stop(connection, frozen)
+        attempts.report(connection, frozen, "layers", 0.9)
+        assert not attempts.set_inputs(connection, frozen, {"flash": "other"}, 1, {})
+        assert not attempts.succeed(connection, frozen, [{"name": "old", "size": 1}])
+        assert not attempts.fail(connection, frozen, {"detail": "old"})
+        attempts.release(connection, frozen)
+        assert not attempts.must_stop(connection, current)
     assert stored(engine, "a") == current
 
 
@@ -94,7 +94,7 @@ def test_progress_is_written(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        jobs.report(connection, held, "layers", 0.25)
+        attempts.report(connection, held, "layers", 0.25)
     job = stored(engine, "a")
     assert (job.stage, job.fraction) == ("layers", 0.25)
 
@@ -103,8 +103,8 @@ def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> N
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        jobs.report(connection, held, "layers", 0.25)
-        jobs.release(connection, held)
+        attempts.report(connection, held, "layers", 0.25)
+        attempts.release(connection, held)
     job = stored(engine, "a")
     assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
     again = claimed(engine, "a", "w2")
@@ -126,11 +126,11 @@ def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
-        assert jobs.must_stop(connection, held)
-        assert not jobs.succeed(connection, held, [])
+        assert attempts.must_stop(connection, held)
+        assert not attempts.succeed(connection, held, [])
     assert stored(engine, "a").state == State.CANCELING
     with engine.begin() as connection:
-        assert jobs.acknowledge_cancel(connection, held)
+        assert attempts.acknowledge_cancel(connection, held)
     assert stored(engine, "a").state == State.CANCELED
 
 
@@ -139,7 +139,7 @@ def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
-        jobs.release(connection, held)
+        attempts.release(connection, held)
     assert stored(engine, "a").state == State.CANCELING
 
 
@@ -152,14 +152,14 @@ def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
     job = claimed(engine, "a", "w2")
     assert job.state == State.CANCELING
     with engine.begin() as connection:
-        assert jobs.acknowledge_cancel(connection, job)
+        assert attempts.acknowledge_cancel(connection, job)
 
 
 def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        jobs.succeed(connection, held, [])
+        attempts.succeed(connection, held, [])
         jobs.request_cancel(connection, "a")
     assert stored(engine, "a").state == State.SUCCEEDED
 
@@ -170,59 +170,59 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         if state == State.QUEUED:
-            jobs.release(connection, held)
+            attempts.release(connection, held)
         if state == State.WAITING_FOR_OPERATOR:
             _ask(connection, held)
         if state in (State.CANCELING, State.CANCELED):
             jobs.request_cancel(connection, "a")
         if state == State.CANCELED:
-            jobs.acknowledge_cancel(connection, held)
+            attempts.acknowledge_cancel(connection, held)
         if state == State.SUCCEEDED:
-            jobs.succeed(connection, held, [])
+            attempts.succeed(connection, held, [])
         if state == State.FAILED:
-            jobs.fail(connection, held, {})
+            attempts.fail(connection, held, {})
         if state == State.EXPIRED:
-            jobs.succeed(connection, held, [])
+            attempts.succeed(connection, held, [])
             expiry.condemn(connection, "a")
     assert stored(engine, "a").state == state
     return held
 
 
 def _ask(connection: sa.Connection, held: jobs.Job) -> None:
-    jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+    attempts.ask_operator(connection, held, "Switch the flash off.", 60)
 
 
 _BEGUN = (State.RUNNING, State.WAITING_FOR_OPERATOR)
 
 WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State, State]]] = {
     "claim": (
-        lambda connection, _held: jobs.claim(connection, "a", "w2"),
+        lambda connection, _held: attempts.claim(connection, "a", "w2"),
         {State.QUEUED: State.RUNNING},
     ),
     "request_cancel": (
         lambda connection, _held: jobs.request_cancel(connection, "a"),
         {State.QUEUED: State.CANCELED, **dict.fromkeys(_BEGUN, State.CANCELING)},
     ),
-    "acknowledge_cancel": (jobs.acknowledge_cancel, {State.CANCELING: State.CANCELED}),
+    "acknowledge_cancel": (attempts.acknowledge_cancel, {State.CANCELING: State.CANCELED}),
     "succeed": (
-        lambda connection, held: jobs.succeed(connection, held, []),
+        lambda connection, held: attempts.succeed(connection, held, []),
         {State.RUNNING: State.SUCCEEDED},
     ),
     "fail": (
-        lambda connection, held: jobs.fail(connection, held, {}),
+        lambda connection, held: attempts.fail(connection, held, {}),
         dict.fromkeys(_BEGUN, State.FAILED),
     ),
     "fail_waiting": (
         lambda connection, _held: jobs.fail_waiting(connection, "a", {}),
         {State.QUEUED: State.FAILED},
     ),
-    "release": (jobs.release, dict.fromkeys(_BEGUN, State.QUEUED)),
-    "lose": (jobs.lose, dict.fromkeys(_BEGUN, State.QUEUED)),
+    "release": (attempts.release, dict.fromkeys(_BEGUN, State.QUEUED)),
+    "lose": (attempts.lose, dict.fromkeys(_BEGUN, State.QUEUED)),
     "ask_operator": (_ask, {State.RUNNING: State.WAITING_FOR_OPERATOR}),
     "confirm": (lambda one, _held: jobs.confirm(one, "a"), {_BEGUN[1]: State.RUNNING}),
-    "confirmed": (jobs.confirmed, {}),
-    "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
-    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0, {}), {}),
+    "confirmed": (attempts.confirmed, {}),
+    "report": (lambda connection, held: attempts.report(connection, held, "layers", 0.5), {}),
+    "set_inputs": (lambda connection, held: attempts.set_inputs(connection, held, {}, 0, {}), {}),
     "condemn": (
         lambda connection, _held: expiry.condemn(connection, "a"),
         dict.fromkeys([State.SUCCEEDED, State.FAILED, State.CANCELED], State.EXPIRED),
@@ -252,7 +252,7 @@ def test_an_attempt_goes_on_while_it_runs_or_asks_its_operator(
 ) -> None:
     held = _in_state(engine, state)
     with engine.connect() as connection:
-        assert jobs.must_stop(connection, held) == (state not in _BEGUN)
+        assert attempts.must_stop(connection, held) == (state not in _BEGUN)
 
 
 def test_the_writes_go_every_way_of_the_table_and_no_other() -> None:
@@ -282,8 +282,8 @@ def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         expiry.remove(connection, "a")
-        assert jobs.must_stop(connection, held)
-        assert not jobs.succeed(connection, held, [])
+        assert attempts.must_stop(connection, held)
+        assert not attempts.succeed(connection, held, [])
         assert jobs.find(connection, "a") is None
 
 
@@ -305,8 +305,8 @@ def test_a_lost_attempt_is_counted_and_the_job_keeps_its_rank(engine: sa.Engine)
     first = added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        jobs.report(connection, held, "layers", 0.25)
-        jobs.lose(connection, held)
+        attempts.report(connection, held, "layers", 0.25)
+        attempts.lose(connection, held)
     job = stored(engine, "a")
     assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
     assert (job.lost, job.attempt, job.rank) == (1, 1, first.rank)
@@ -322,19 +322,19 @@ def test_a_job_has_a_deadline_from_now(engine: sa.Engine) -> None:
 
 def _cancel_running(connection: sa.Connection, held: jobs.Job, keep: float | None) -> None:
     jobs.request_cancel(connection, held.id, keep)
-    assert jobs.acknowledge_cancel(connection, held, keep)
+    assert attempts.acknowledge_cancel(connection, held, keep)
 
 
 def _cancel_waiting(connection: sa.Connection, held: jobs.Job, keep: float | None) -> None:
-    jobs.release(connection, held)
+    attempts.release(connection, held)
     jobs.request_cancel(connection, held.id, keep)
 
 
 ENDS: dict[str, Callable[[sa.Connection, jobs.Job, float | None], object]] = {
-    "succeeded": lambda connection, held, keep: jobs.succeed(
+    "succeeded": lambda connection, held, keep: attempts.succeed(
         connection, held, [], keep_seconds=keep
     ),
-    "failed": lambda connection, held, keep: jobs.fail(connection, held, {}, keep),
+    "failed": lambda connection, held, keep: attempts.fail(connection, held, {}, keep),
     "canceled": _cancel_running,
     "canceled while it waits": _cancel_waiting,
 }

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 
-from service.rows import jobs, waiting
+from service.rows import attempts, jobs, waiting
 from service.rows.states import State
 from tests.plans import plans
 from tests.unit.service.asking import stored
@@ -58,9 +58,9 @@ def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
     held = claimed(engine, "running", "w1")
     with engine.begin() as connection:
         assert waiting.overdue(connection, 10) == [("late", "t")]
-        assert jobs.is_late(connection, held)
-        assert not jobs.is_late(connection, stored(engine, "early"))
-        assert not jobs.is_late(connection, stored(engine, "endless"))
+        assert attempts.is_late(connection, held)
+        assert not attempts.is_late(connection, stored(engine, "early"))
+        assert not attempts.is_late(connection, stored(engine, "endless"))
         assert jobs.fail_waiting(connection, "late", {"detail": "too late"}, 10)
         assert waiting.overdue(connection, 10) == []
         assert not jobs.fail_waiting(connection, "running", {})

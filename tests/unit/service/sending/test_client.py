@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from pipeline.options import Options
 from service.api.context import Context
-from service.rows import database, jobs
+from service.rows import attempts, database
 from service.sending.client import Client, Job, RefusedError, ServiceAwayError
 from tests.unit.service.asking import bearing, rows_of
 
@@ -191,15 +191,15 @@ def test_progress_is_told(
 ) -> None:
     job = client.submit_capture("sim://studio", Options())
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, job["id"], "a worker")
+        held = attempts.claim(connection, job["id"], "a worker")
         assert held is not None
-        jobs.report(connection, held, "layers", 0.5)
+        attempts.report(connection, held, "layers", 0.5)
     told: list[tuple[str, float]] = []
 
     def report(stage: str, fraction: float) -> None:
         told.append((stage, fraction))
         with context.engine.begin() as connection:
-            jobs.release(connection, held)
+            attempts.release(connection, held)
         finish(job["id"], {})
 
     client.wait(http.get(job["links"]["self"]).json(), report)
@@ -225,9 +225,9 @@ def test_a_failed_job_is_told_by_its_reason(
         "trace_id": "0",
     }
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, job["id"], "a worker")
+        held = attempts.claim(connection, job["id"], "a worker")
         assert held is not None
-        jobs.fail(connection, held, problem)
+        attempts.fail(connection, held, problem)
     with pytest.raises(kind, match=r"^The pair is black\.$"):
         client.wait(job, _ignore)
 

@@ -19,7 +19,7 @@ from service.api.context import Context
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, results_key
-from service.rows import database, expiry, jobs, kept
+from service.rows import attempts, database, expiry, jobs, kept
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
@@ -55,7 +55,7 @@ def run(context: Context) -> Run:
         }
         with context.engine.begin() as connection:
             jobs.add(connection, values)
-            held = jobs.claim(connection, "a", "w")
+            held = attempts.claim(connection, "a", "w")
         attempt_at(held, context).run()
         with context.engine.connect() as connection:
             return jobs.find(connection, "a")
@@ -137,14 +137,14 @@ def test_results_of_lost_attempts_go_however_the_job_ends(
             raise sandbox.StoppedError
         separates(task)
 
-    claim = jobs.claim
+    claim = attempts.claim
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         held = claim(connection, job_id, worker)
         connection.execute(sa.update(database.jobs).values(attempt=3))
         return held and replace(held, attempt=3)
 
-    monkeypatch.setattr(jobs, "claim", third)
+    monkeypatch.setattr(attempts, "claim", third)
     monkeypatch.setattr(sandbox, "run", work)
     for lost in (1, 2):
         context.storage.put(results_key("a", lost, "a.png"), b"half")
@@ -166,7 +166,7 @@ def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(sandbox, "run", separate)
     monkeypatch.setattr(
-        jobs,
+        attempts,
         "report",
         lambda _connection, _job, stage, fraction, *_rest: written.append((stage, fraction)),
     )
@@ -185,13 +185,13 @@ def test_a_pair_that_was_captured_is_not_taken_again(
         kinds.append(task.kind)
         (Path(task.directory) / RESULTS).mkdir()
 
-    claim = jobs.claim
+    claim = attempts.claim
 
     def captured(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         held = claim(connection, job_id, worker)
         return held and replace(held, capture={"camera": "sim://studio"})
 
-    monkeypatch.setattr(jobs, "claim", captured)
+    monkeypatch.setattr(attempts, "claim", captured)
     monkeypatch.setattr(sandbox, "run", separate)
     run()
     assert kinds == ["separate"]
@@ -211,7 +211,7 @@ def test_calibrations_for_a_setup_alone_are_kept_for_ever(
     values = {"id": "a", "options": options, "trace_id": "1" * 32, "request_hash": ""}
     with context.engine.begin() as connection:
         jobs.add(connection, values)
-        held = jobs.claim(connection, "a", "w")
+        held = attempts.claim(connection, "a", "w")
     settings = context.settings.model_copy(update={"retention_days": 2.0})
     attempt = attempt_at(held, context, settings)
     assert attempt.fail({"type": "urn:lightlayers:problem:internal"})
@@ -429,13 +429,13 @@ def test_results_outlast_a_power_cut_before_the_job_has_succeeded(
 def test_what_cannot_be_cleared_does_not_cost_the_results(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claim = jobs.claim
+    claim = attempts.claim
 
     def second(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         claim(connection, job_id, worker)
         return claim(connection, job_id, worker)
 
-    monkeypatch.setattr(jobs, "claim", second)
+    monkeypatch.setattr(attempts, "claim", second)
     monkeypatch.setattr(sandbox, "run", separates)
     delete = Storage.delete_below
     away = at_first(GenericError("away"), delete)
@@ -477,7 +477,7 @@ def test_an_end_whose_answer_is_lost_is_written_once(
 ) -> None:
     """The database has it, but what it says to that does not come through."""
     caplog.set_level(logging.INFO, "service.workers.attempt")
-    write, lost = getattr(jobs, end), [True]
+    write, lost = getattr(attempts, end), [True]
 
     def write_and_lose(connection: sa.Connection, *arguments: Any, **more: Any) -> bool:
         if not lost:
@@ -488,7 +488,7 @@ def test_an_end_whose_answer_is_lost_is_written_once(
             assert write(other, *arguments, **more)
         raise away()
 
-    monkeypatch.setattr(jobs, end, write_and_lose)
+    monkeypatch.setattr(attempts, end, write_and_lose)
     monkeypatch.setattr(
         sandbox, "run", separates if end == "succeed" else raising(CrashError("It crashed."))
     )
@@ -516,8 +516,8 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
 ) -> None:
     def separate(task: Task, _seconds: float, report: Any, must_stop: Any, *_rest: object) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(jobs, "must_stop", raising(error))
-            patch.setattr(jobs, "report", raising(error))
+            patch.setattr(attempts, "must_stop", raising(error))
+            patch.setattr(attempts, "report", raising(error))
             report("layers", 0.5)
             assert not must_stop()
         separates(task)

@@ -14,7 +14,7 @@ from obstore.exceptions import GenericError, PermissionDeniedError
 from pipeline.result_names import MANIFEST
 from service.api.context import Context
 from service.object_keys import results_key
-from service.rows import expiry, jobs, kept
+from service.rows import attempts, expiry, jobs, kept
 from service.rows.states import State
 from service.storage import Storage
 from service.workers import sandbox
@@ -30,7 +30,7 @@ TAKEN_WITH = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
 
 def _attempt(context: Context, job_id: str) -> Attempt:
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, job_id, "w")
+        held = attempts.claim(connection, job_id, "w")
     return attempt_at(held, context)
 
 
@@ -39,7 +39,7 @@ def test_a_database_that_is_away_when_the_camera_is_noted_costs_no_second_calibr
 ) -> None:
     made: list[str] = []
     away = [sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))]
-    set_inputs = jobs.set_inputs
+    set_inputs = attempts.set_inputs
 
     def calibrate(task: Task, *_rest: object) -> None:
         made.append(task.kind)
@@ -53,7 +53,7 @@ def test_a_database_that_is_away_when_the_camera_is_noted_costs_no_second_calibr
         return set_inputs(*arguments)
 
     monkeypatch.setattr(sandbox, "run", calibrate)
-    monkeypatch.setattr(jobs, "set_inputs", set_in_the_end)
+    monkeypatch.setattr(attempts, "set_inputs", set_in_the_end)
     monkeypatch.setattr(Stopping, "pause", lambda _stopping, _seconds: None)
     options = {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}
     job_id = stored_job(context, options=options)
@@ -92,8 +92,8 @@ def test_an_attempt_leaves_nothing_beside_the_one_that_took_it_over_and_succeede
     job_id = stored_job(context)
     frozen = _attempt(context, job_id)
     with context.engine.begin() as connection:
-        other = jobs.claim(connection, job_id, "another worker")
-        assert other is not None and jobs.succeed(connection, other, [])
+        other = attempts.claim(connection, job_id, "another worker")
+        assert other is not None and attempts.succeed(connection, other, [])
     context.storage.put(results_key(job_id, 1, "a.png"), b"half")
     context.storage.put(results_key(job_id, 2, "a.png"), b"whole")
     assert not frozen.fail({"detail": "too late"})
@@ -142,7 +142,7 @@ def test_a_worker_that_ends_while_a_result_goes_to_the_store_costs_the_job_nothi
     monkeypatch.setattr(Storage, "put_file", put)
     job_id = stored_job(context)
     with context.engine.begin() as connection:
-        held = jobs.claim(connection, job_id, "w")
+        held = attempts.claim(connection, job_id, "w")
     assert held is not None
     server, settings = context.fork_server, context.settings
     parts = (context.engine, context.storage, settings, server)

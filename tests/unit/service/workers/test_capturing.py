@@ -14,7 +14,7 @@ from service.api.context import Context
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.object_keys import captured_key
 from service.problems import problem_of
-from service.rows import cameras, heartbeats, jobs
+from service.rows import attempts, cameras, heartbeats, jobs
 from service.rows.states import State
 from service.workers import capturing, host, sandbox
 from service.workers.attempt import Attempt
@@ -129,7 +129,7 @@ def test_a_pair_that_was_taken_outlasts_all_that_comes_after(
         [(sandbox.StoppedError(), State.QUEUED), (CrashError("It crashed."), State.FAILED)], 2
     ):
         with context.engine.begin() as connection:
-            held = jobs.claim(connection, "a", "w")
+            held = attempts.claim(connection, "a", "w")
         assert held is not None and held.attempt == attempt
         monkeypatch.setattr(sandbox, "run", raising(error))
         attempt_at(held, context).run()
@@ -146,7 +146,7 @@ def test_a_pair_is_taken_once(
 ) -> None:
     attempt = capture()
     with context.engine.begin() as connection:
-        jobs.set_inputs(connection, attempt._job, {"flash": {}}, 1, {})
+        attempts.set_inputs(connection, attempt._job, {"flash": {}}, 1, {})
         heartbeats.leave(connection, "w")
     monkeypatch.setattr(sandbox, "run", _taken_again)
     capture().capture(lambda _connection: None)

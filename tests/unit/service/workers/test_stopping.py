@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.errors import DeadlineError
-from service.rows import expiry, jobs
+from service.rows import attempts, expiry, jobs
 from service.workers import sandbox, stopping
 from service.workers.stopping import ASK_SECONDS, Stopping
 from tests.unit.service.job_rows import added, claimed
@@ -86,7 +86,7 @@ def test_a_database_that_is_away_ends_an_attempt_once_others_take_its_job_over(
     def away(*_arguments: Any) -> bool:
         raise sa.exc.OperationalError("", None, Exception("away"))
 
-    monkeypatch.setattr(jobs, "must_stop", away)
+    monkeypatch.setattr(attempts, "must_stop", away)
     clock.now += 3600.0
     assert not attempt.is_due()
     clock.now += 1.0

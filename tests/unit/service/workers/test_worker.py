@@ -18,7 +18,7 @@ from service import dbos_queue, metrics
 from service.errors import StartError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, results_key
-from service.rows import cameras, database, heartbeats, jobs
+from service.rows import attempts, cameras, database, heartbeats, jobs
 from service.rows.database import AWAY
 from service.rows.states import State
 from service.storage import Storage
@@ -55,7 +55,7 @@ def _find(one: Worker) -> jobs.Job:
 
 def _ends(attempt: Attempt, *_pass_on: object) -> None:
     with attempt._engine.begin() as connection:
-        assert jobs.succeed(connection, attempt._job, [])
+        assert attempts.succeed(connection, attempt._job, [])
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
         stop.set()
         serving.join(timeout=1.5)  # longer than what it waits for between two heartbeats
         left.append(not serving.is_alive())
-        return jobs.claim(*arguments)
+        return attempts.claim(*arguments)
 
     one._settings = one._settings.model_copy(update={"heartbeat_seconds": 0.1})
     _add(one)
@@ -128,10 +128,10 @@ def test_no_job_begins_once_a_stop_has(one: Worker) -> None:
 def test_attempts_that_are_cut_short_are_bounded(
     how: str, one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    attempts: list[int] = []
+    begun: list[int] = []
 
     def work(attempt: Attempt, *_pass_on: object) -> bool:
-        attempts.append(attempt._job.attempt)
+        begun.append(attempt._job.attempt)
         raise CUT_SHORT[how]
 
     monkeypatch.setattr(Attempt, "run", work)
@@ -141,7 +141,7 @@ def test_attempts_that_are_cut_short_are_bounded(
     monkeypatch.setattr(Attempt, "_clear", lambda *_arguments: None)
     one.run("a")
     assert one._storage.list("jobs/") == []
-    assert attempts == [1, 2, 3]
+    assert begun == [1, 2, 3]
     job = _find(one)
     assert (job.state, job.lost) == (State.FAILED, 3)
     assert job.error is not None
@@ -154,13 +154,13 @@ def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_s
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where what kills them fills the memory or the disk of both."""
-    attempts: list[int] = []
+    begun: list[int] = []
     away: list[sa.exc.OperationalError] = []
     give_up = Attempt.give_up
 
     def work(attempt: Attempt, *_pass_on: object) -> None:
-        attempts.append(attempt._job.attempt)
-        if len(attempts) > 3:  # else it went on for ever
+        begun.append(attempt._job.attempt)
+        if len(begun) > 3:  # else it went on for ever
             _ends(attempt)
             return
         away.append(sa.exc.OperationalError("", None, sqlite3.OperationalError("away")))
@@ -175,7 +175,7 @@ def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_s
     monkeypatch.setattr(Attempt, "give_up", give_up_later)
     _add(one)
     one.run("a")
-    assert attempts == [1, 2, 3]
+    assert begun == [1, 2, 3]
     job = _find(one)
     assert (job.state, job.lost) == (State.FAILED, 3)
 
@@ -271,7 +271,7 @@ def test_an_attempt_is_given_up_when_the_database_is_back(
 def test_a_claim_whose_answer_got_lost_is_made_again(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claim = jobs.claim
+    claim = attempts.claim
     lost = [True]
 
     def claim_and_lose(_connection: sa.Connection, job_id: str, name: str) -> jobs.Job | None:
@@ -282,7 +282,7 @@ def test_a_claim_whose_answer_got_lost_is_made_again(
             raise sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
         return held
 
-    monkeypatch.setattr(jobs, "claim", claim_and_lose)
+    monkeypatch.setattr(attempts, "claim", claim_and_lose)
     monkeypatch.setattr(Attempt, "run", _ends)
     _add(one)
     one.run("a")
@@ -425,7 +425,7 @@ def test_the_flash_of_a_capture_whose_worker_died_is_left_off_though_no_attempt_
         if end == State.CANCELED:
             jobs.request_cancel(connection, "a")
         else:
-            connection.execute(sa.update(database.jobs).values(lost=jobs.LOST_ATTEMPTS - 1))
+            connection.execute(sa.update(database.jobs).values(lost=attempts.LOST_ATTEMPTS - 1))
     one.capture("a")
     assert (_find(one).state, told_off) == (end, ["relay {state}"])
 

@@ -9,7 +9,7 @@ import pytest
 
 from service import counters, dbos_queue
 from service.dbos_queue import Held
-from service.rows import heartbeats, jobs
+from service.rows import attempts, heartbeats, jobs
 from service.workers import presence
 from service.workers.worker import Worker
 from tests.unit.service.job_rows import added, claim, claimed
@@ -76,11 +76,11 @@ def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
             row = claimed(one._engine, job, "another")
             with one._engine.begin() as connection:
                 if job == "released":
-                    assert jobs.release(connection, row)
+                    assert attempts.release(connection, row)
                 if job == "canceling":
                     jobs.request_cancel(connection, job)
                 if job == "ended":
-                    assert jobs.fail(connection, row, {})
+                    assert attempts.fail(connection, row, {})
     with one._engine.begin() as connection:
         heartbeats.leave(connection, "another")
     held = [
