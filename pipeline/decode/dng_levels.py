@@ -24,7 +24,6 @@ from pipeline.decode.tiff import (
     dng_page,
 )
 
-Numbers = Floats64
 BLACK_LEVEL = 50714
 _BY_COLUMN, _BY_ROW = 50715, 50716
 _MASKED_AREAS = 50830
@@ -44,12 +43,12 @@ class Levels:
     """
 
     origin: tuple[int, int]
-    black: Numbers
-    by_row: Numbers
-    by_column: Numbers
-    white: Numbers
+    black: Floats64
+    by_row: Floats64
+    by_column: Floats64
+    white: Floats64
 
-    def over(self, top: int, left: int, height: int, width: int) -> Numbers:
+    def over(self, top: int, left: int, height: int, width: int) -> Floats64:
         """Black (height, width, samples) of a part of the picture with its margins."""
         y = top - self.origin[0] + np.arange(height)
         x = left - self.origin[1] + np.arange(width)
@@ -59,7 +58,7 @@ class Levels:
         )
         return np.asarray(repeated + added[..., None])
 
-    def most_black(self) -> Numbers:
+    def most_black(self) -> Floats64:
         """Largest level of black of each sample, from which white is measured."""
         most = self.black.max(axis=(0, 1)) + self.by_row.max() + self.by_column.max()
         return np.asarray(most)
@@ -92,7 +91,7 @@ def dng_levels(data: bytes) -> Levels | None:
         return None
 
 
-def numbers(page: TiffPage, code: int, usual: float) -> Numbers:
+def numbers(page: TiffPage, code: int, usual: float) -> Floats64:
     """Values of a tag, fractions or not, in a row; the usual one where there is no such tag."""
     tag = _tag(page, code)
     if tag is None:

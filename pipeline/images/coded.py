@@ -14,8 +14,6 @@ from pipeline.arrays import Floats32
 from pipeline.images.memory import release_rows
 from pipeline.images.strips import strips
 
-Image = Floats32
-
 _ROWS = 8  # at a time: they stay in the processor's cache
 
 
@@ -41,7 +39,7 @@ class CodedImage(ABC):
     def __len__(self) -> int:
         return len(self._codes)
 
-    def __getitem__(self, key: Any) -> Image:
+    def __getitem__(self, key: Any) -> Floats32:
         return self._light(np.ascontiguousarray(self._codes[key]))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
@@ -60,7 +58,7 @@ class CodedImage(ABC):
         """The same photograph, all values divided."""
 
     @abstractmethod
-    def _light(self, codes: NDArray[Any]) -> Image:
+    def _light(self, codes: NDArray[Any]) -> Floats32:
         """Light of contiguous code values, in their shape."""
 
     @abstractmethod
@@ -82,11 +80,11 @@ class TableImage(CodedImage):
         """Divide the table."""
         return type(self)(self._codes, self._table / np.float32(by))
 
-    def mapped(self, curve: Callable[[Image], Image]) -> Self:
+    def mapped(self, curve: Callable[[Floats32], Floats32]) -> Self:
         """The same photograph, all values through a curve: so does the table."""
         return type(self)(self._codes, curve(self._table))
 
-    def _light(self, codes: NDArray[np.uint8]) -> Image:
+    def _light(self, codes: NDArray[np.uint8]) -> Floats32:
         if codes.ndim != 3:
             return np.asarray(self._table[codes])
         return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
@@ -110,8 +108,8 @@ class LevelImage(CodedImage):
         """Divide the step."""
         return type(self)(self._codes, float(self._black), float(self._step) / by)
 
-    def _light(self, codes: NDArray[np.uint16]) -> Image:
-        light: Image = np.subtract(codes, self._black, dtype=np.float32)
+    def _light(self, codes: NDArray[np.uint16]) -> Floats32:
+        light: Floats32 = np.subtract(codes, self._black, dtype=np.float32)
         light *= self._step
         return light
 

@@ -17,8 +17,6 @@ from pipeline.images.frames import Image, Plane
 from pipeline.images.noise import Noise
 from pipeline.images.strips import widened
 
-Planes = Floats32
-
 _GAPS = (1, 2, 5, 12)  # pixels between those of the 3×3 window of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
 _CHANNELS = 6
@@ -32,7 +30,7 @@ def sigma_filter(
     """Filter a whole pair (h, W, 3), as SigmaFilter does."""
     height, width = images[0].shape[:2]
 
-    def read(rows: slice, planes: Planes) -> None:
+    def read(rows: slice, planes: Floats32) -> None:
         for image, part in zip(images, (planes[:3], planes[3:]), strict=True):
             part[...] = np.moveaxis(image[rows], -1, 0)
 
@@ -50,7 +48,7 @@ class SigmaFilter:
 
     def __init__(
         self,
-        read: Callable[[slice, Planes], None],
+        read: Callable[[slice, Floats32], None],
         size: tuple[int, int],
         noises: tuple[Noise, Noise],
         rounds: int = ROUNDS,
@@ -81,17 +79,17 @@ class SigmaFilter:
 class _Rows(Protocol):
     """Rows of the pair, by planes (6, h, W), and (h, W) how many pixels were averaged so far."""
 
-    def rows(self, top: int, bottom: int) -> tuple[Planes, Plane]: ...
+    def rows(self, top: int, bottom: int) -> tuple[Floats32, Plane]: ...
 
 
 class _Given:
     """The pair as it is given."""
 
-    def __init__(self, read: Callable[[slice, Planes], None], width: int) -> None:
+    def __init__(self, read: Callable[[slice, Floats32], None], width: int) -> None:
         self._read = read
         self._width = width
 
-    def rows(self, top: int, bottom: int) -> tuple[Planes, Plane]:
+    def rows(self, top: int, bottom: int) -> tuple[Floats32, Plane]:
         planes = np.empty((_CHANNELS, bottom - top, self._width), np.float32)
         self._read(slice(top, bottom), planes)
         return planes, np.ones(planes.shape[1:], np.float32)
@@ -111,7 +109,7 @@ class _Round:
         self._planes = np.empty((_CHANNELS, 0, size[0]), np.float32)
         self._count = np.empty((0, size[0]), np.float32)
 
-    def rows(self, top: int, bottom: int) -> tuple[Planes, Plane]:
+    def rows(self, top: int, bottom: int) -> tuple[Floats32, Plane]:
         kept = max(self._bottom - top, 0)
         planes = np.empty((_CHANNELS, bottom - top, self._planes.shape[2]), np.float32)
         count = np.empty(planes.shape[1:], np.float32)
@@ -123,7 +121,7 @@ class _Round:
         self._top, self._bottom = top, bottom
         return planes, count
 
-    def _filter(self, top: int, bottom: int, total: Planes, count: Plane) -> None:
+    def _filter(self, top: int, bottom: int, total: Floats32, count: Plane) -> None:
         """Write rows of the round into the last ones of its averages and their counts."""
         wide, inner = widened(slice(top, bottom), self._gap, self._height)
         planes, certainty = self._before.rows(wide.start, wide.stop)
@@ -134,7 +132,7 @@ class _Round:
 
 
 @compiled
-def _stabilize(planes: Planes, gain: Floats32, floor: Floats32, stable: Planes) -> None:
+def _stabilize(planes: Floats32, gain: Floats32, floor: Floats32, stable: Floats32) -> None:
     """Write planes (6, h, W) so that their noise has unit variance everywhere.
 
     Source: Anscombe 1948, for the noise of a photograph. gain, floor: (6,).
@@ -150,13 +148,13 @@ def _stabilize(planes: Planes, gain: Floats32, floor: Floats32, stable: Planes) 
 
 @compiled
 def _join(
-    planes: Planes,
+    planes: Floats32,
     certainty: Plane,
-    stable: Planes,
+    stable: Floats32,
     gap: int,
     top: int,
     first_row: int,
-    total: Planes,
+    total: Floats32,
     count: Plane,
 ) -> None:
     """One round for rows from top on: the 3×3 window with a gap.
@@ -192,14 +190,14 @@ def _join(
 
 @compiled
 def _join_pixel(
-    planes: Planes,
+    planes: Floats32,
     certainty: Plane,
-    stable: Planes,
+    stable: Floats32,
     gap: int,
     y: int,
     x: int,
     row: int,
-    total: Planes,
+    total: Floats32,
     count: Plane,
 ) -> None:
     """The same for one pixel, whose window may reach beyond the border."""
@@ -222,7 +220,7 @@ def _join_pixel(
 
 @inlined
 def _compare(
-    stable: Planes, certainty: Plane, y: int, other: int, gap: int, j0: Any, j1: Any, j2: Any
+    stable: Floats32, certainty: Plane, y: int, other: int, gap: int, j0: Any, j1: Any, j2: Any
 ) -> None:
     """Write what three neighbours in another row count for, 0 for those that do not join.
 

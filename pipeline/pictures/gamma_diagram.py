@@ -24,6 +24,7 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.lettering import (
     BACKGROUND,
     INK,
+    Picture,
     box_of,
     overlap,
     panel,
@@ -31,8 +32,6 @@ from pipeline.pictures.lettering import (
     write_boxed,
 )
 from pipeline.vectors import unit
-
-Picture = NDArray[np.uint8]
 
 SIDE, LEGEND = 900, 150
 """Of the diagram, which is square, and of the legend below it, in pixels."""

@@ -10,10 +10,8 @@ from pipeline.arrays import Floats32
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.shares import shares
 from pipeline.pair.reduced import ReducedPair, variance_left
-from pipeline.pictures.lettering import INK, panel, write, write_boxed
+from pipeline.pictures.lettering import INK, Picture, panel, write, write_boxed
 from pipeline.separation.proportions import predictions
-
-Picture = NDArray[np.uint8]
 
 MOST = 0.2
 """Relative residual at the end of the scale; fixed, so that pictures of pairs compare."""
