@@ -55,7 +55,7 @@ def doubts(
         # one lamp passes for no other, and a rendering's curve bends the light of shadows most
         sharp = max(reduced.usable.shape) >= _SHARP
         if len(lamps) > 1 and sharp and not reduced.rendered:
-            in_shadows = light_in_shadows(reduced, pair.flash_only, lamps)
+            in_shadows = light_in_shadows(reduced, lamps)
     where = "residual.png shows where"
     if "residual.png" not in wanted:
         where = "the output residual.png, which was not asked for, shows where"

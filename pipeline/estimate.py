@@ -54,9 +54,7 @@ def make_estimate(
     (find_known, estimate_lamps, find_facing), Canceled.
     """
     known = find_known(options, reduced, model)
-    lamps = estimate_lamps(
-        reduced, model, options.number_of_lamps, options.method, options.flash_only, known
-    )
+    lamps = estimate_lamps(reduced, model, options.number_of_lamps, options.method, known)
     warnings = [*doubts(pair, reduced, lamps, options.method, wanted)]
     if options.method == "paper":
         warnings += doubts_of_published(reduced, lamps, model)

@@ -93,9 +93,7 @@ def separate_files(
     lamps = estimate.lamps
     warnings += [*pair.warnings, *camera_warnings(before, model.camera, named)]
     if named:
-        warnings += camera_doubts(
-            reduced, len(lamps), options.flash_only, model.camera, before, build
-        )
+        warnings += camera_doubts(reduced, len(lamps), model.camera, before, build)
     warnings += estimate.warnings
     wanted, passed_over = held_outputs(wanted, before.size, len(lamps), options)
     warnings += [*passed_over, *white_warnings(pair.no_flash, pair.white, wanted)]
@@ -126,9 +124,7 @@ def _likely_model(
 ) -> Model:
     """Model of the camera that explains undeclared files best; model: of the one by their EXIF."""
     sensor = None if model.camera.in_srgb else model.camera
-    camera = likely_camera(
-        reduced, model.flash, options.number_of_lamps, options.flash_only, sensor, build
-    )
+    camera = likely_camera(reduced, model.flash, options.number_of_lamps, sensor, build)
     return build(camera)
 
 

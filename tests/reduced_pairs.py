@@ -13,7 +13,7 @@ HEIGHT, WIDTH = 40, 80
 """So small that neighbours which are compared lie next to each other."""
 
 
-def reduced_pair(no_flash: Any, flash: Any, **more: Any) -> ReducedPair:
+def reduced_pair(no_flash: Any, flash: Any, flash_only: bool = False, **more: Any) -> ReducedPair:
     """A pair of which all is usable, without noise, unless more says otherwise."""
     given: dict[str, Any] = {
         "no_flash_variance": np.zeros_like(no_flash),
@@ -21,6 +21,7 @@ def reduced_pair(no_flash: Any, flash: Any, **more: Any) -> ReducedPair:
         "usable": np.ones(no_flash.shape[:2], bool),
         "block": 1,
         "rendered": False,
+        "flash_only": flash_only,
     }
     given.update({k: np.broadcast_to(v, no_flash.shape) for k, v in more.items() if k != "usable"})
     if "usable" in more:

@@ -48,7 +48,7 @@ def find_known(options: Options, reduced: ReducedPair, model: Model) -> Known:
 
     def shown_by(lamp: KnownLamp, what: str) -> Data:
         if isinstance(lamp, Circle):
-            return evidence_of_area(reduced, options.flash_only, _inside(lamp, what, reduced))
+            return evidence_of_area(reduced, _inside(lamp, what, reduced))
         light = find_light(lamp, what)
         _check_seen(model, light, what)
         surfaces, sensitivities = reflectance_spectra(), model.camera.sensitivities

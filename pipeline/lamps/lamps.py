@@ -102,18 +102,16 @@ def estimate_lamps(
     model: Model,
     requested: Lights,
     method: Method,
-    flash_only: bool,
     known: Known | None = None,
 ) -> Lamps:
     """Estimate the lamps, and their number where it is not given.
 
     method: "best" fits a matrix to each lamp (matrixfit), "paper" takes the published algorithms.
-    flash_only: the flash file was the flash part alone, so that its noise is independent.
     known: pinned and forbidden lamps, of which "paper" knows nothing. Raises UnusablePairError
     where too few pixels are usable, OptionError where every fit has a forbidden lamp.
     """
     known = known or nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced, flash_only)
+    evidence = gather_evidence(reduced)
     if len(evidence.pixels) < MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "

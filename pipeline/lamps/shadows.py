@@ -16,15 +16,14 @@ _FEWEST = 100  # edges of a lamp's shadows that tell anything
 _DEEPEST = 0.25  # of them: others end in the shadow's rim, which the lamp partly lights
 
 
-def light_in_shadows(reduced: ReducedPair, flash_only: bool, lamps: Lamps) -> Floats64:
+def light_in_shadows(reduced: ReducedPair, lamps: Lamps) -> Floats64:
     """Light of each lamp in its shadows ÷ beside them, (N,), 0 and more.
 
     Across the edge of a shadow a lamp's direct light goes, and its difference shows the lamp's
     colour. What else it gives to the dark side has met another surface before. Of the edges whose
     difference shows a lamp it is the lowest quarter; 0 of a lamp whose shadows have few edges.
-    flash_only: as gather_evidence takes it.
     """
-    ratios = readable_light(reduced, flash_only)
+    ratios = readable_light(reduced)
     weights = lamps.channel_weights
     left: list[list[Floats64]] = [[] for _ in lamps.matrices]
     for at in shadow_edges(ratios):

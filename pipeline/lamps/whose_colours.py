@@ -47,7 +47,6 @@ def likely_camera(
     reduced: ReducedPair,
     flash: Floats64,
     requested: Lights,
-    flash_only: bool,
     sensor: Camera | None,
     build: Callable[[Camera], Model],
 ) -> Camera:
@@ -66,7 +65,7 @@ def likely_camera(
         numbers = [_TELLING_LAMPS, MOST_LAMPS]
     else:
         numbers = [max(requested, _TELLING_LAMPS)]
-    fits = _Fits(reduced, gather_evidence(reduced, flash_only), numbers, build)
+    fits = _Fits(reduced, gather_evidence(reduced), numbers, build)
     lit = reduced.flash[reduced.usable].astype(np.float64)
     lit = lit[(lit > 0).all(axis=1)]
     if len(fits.evidence.pixels) < MIN_PIXELS or not len(lit):
@@ -126,7 +125,6 @@ def no_sensors_values(frame: Frame, named: bool, result: str) -> RunWarning:
 def camera_doubts(
     reduced: ReducedPair,
     lamps: int,
-    flash_only: bool,
     camera: Camera,
     frame: Frame,
     build: Callable[[Camera], Model],
@@ -146,7 +144,7 @@ def camera_doubts(
     if frame.encoding == "linear":
         others.append((srgb_stand_in(), _LIKELIER_UNDER_ONE if alone else _SRGB_LIKELIER))
     numbers = [max(lamps, _TELLING_LAMPS)]
-    fits = _Fits(reduced, gather_evidence(reduced, flash_only), numbers, build)
+    fits = _Fits(reduced, gather_evidence(reduced), numbers, build)
     better = fits.much_likelier(camera, others)
     if better is None:
         return []

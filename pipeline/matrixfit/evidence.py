@@ -53,14 +53,11 @@ class Evidence:
         return replace(self, pools=nothing()) if self.has_edges else self
 
 
-def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
-    """Draw data from the reduced pair, deterministically.
-
-    flash_only: the flash file was the flash part alone, so that its noise is independent.
-    """
-    ratios = readable_light(reduced, flash_only)
+def gather_evidence(reduced: ReducedPair) -> Evidence:
+    """Draw data from the reduced pair, deterministically."""
+    ratios = readable_light(reduced)
     use = ratios.use
-    no_flash, flash, v_n, v_f, coupled = _readings(reduced, flash_only)
+    no_flash, flash, v_n, v_f, coupled = _readings(reduced)
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
     shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
@@ -84,12 +81,9 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     )
 
 
-def readable_light(reduced: ReducedPair, flash_only: bool) -> RelativeLight:
-    """Light relative to the flash, of the pixels that tell something of lamps.
-
-    flash_only: as gather_evidence takes it.
-    """
-    no_flash, flash, v_n, v_f, coupled = _readings(reduced, flash_only)
+def readable_light(reduced: ReducedPair) -> RelativeLight:
+    """Light relative to the flash, of the pixels that tell something of lamps."""
+    no_flash, flash, v_n, v_f, coupled = _readings(reduced)
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
     safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
     use = (
@@ -103,12 +97,9 @@ def readable_light(reduced: ReducedPair, flash_only: bool) -> RelativeLight:
     return relative_light(no_flash, flash, v_n, v_f, use, coupled)
 
 
-def evidence_of_area(reduced: ReducedPair, flash_only: bool, area: Mask) -> Data:
-    """What the usable pixels of an area (h, w) show.
-
-    flash_only: as gather_evidence takes it.
-    """
-    n, f, v_n, v_f, coupled = _readings(reduced, flash_only)
+def evidence_of_area(reduced: ReducedPair, area: Mask) -> Data:
+    """What the usable pixels of an area (h, w) show."""
+    n, f, v_n, v_f, coupled = _readings(reduced)
     use = area & reduced.usable
     data = _pixels(n[use], f[use], v_n[use], v_f[use], coupled)
     return replace(data, weight=data.weight * (_AREA_WEIGHT / _PIXEL_WEIGHT))
@@ -128,13 +119,17 @@ def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Data:
 
 
 def _readings(
-    reduced: ReducedPair, flash_only: bool
+    reduced: ReducedPair,
 ) -> tuple[Floats64, Floats64, Floats64, Floats64, float]:
-    """No-flash photograph, flash part, their variances (h, w, 3), and how far they are coupled."""
+    """No-flash photograph, flash part, their variances (h, w, 3), and how far they are coupled.
+
+    1 where the flash part is a difference, which has the other's noise as well, 0 where it was
+    given alone.
+    """
     no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
     v_n = np.maximum(reduced.no_flash_variance, (_MIN_NOISE * s_n[..., None]) ** 2)
-    coupled = 0.0 if flash_only else 1.0
+    coupled = 0.0 if reduced.flash_only else 1.0
     v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2 + coupled * v_n)
     return no_flash, flash, v_n, v_f, coupled
 

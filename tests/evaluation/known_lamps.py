@@ -119,7 +119,7 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
     shot = make_shot(scene, Condition(files="noisy"))
     camera = find_camera(scene.camera, decode(shot.files[0], shot.options["encoding"], "file"))
     model = build_model(camera, shot.flash_spectrum, find_light(NEUTRAL), "wpca")
-    evidence = gather_evidence(shot.reduced, flash_only=False)
+    evidence = gather_evidence(shot.reduced)
 
     def fit(known: Known) -> tuple[Fit, float, tuple[int, ...]]:
         usual = fit_matrices(shot.reduced, evidence, model, shot.count, known)

@@ -23,7 +23,7 @@ Seen = tuple[ReducedPair, Evidence]
 @pytest.fixture
 def seen(shadowed: Callable[[Floats64], Any], warm_to_cool: Floats64) -> Seen:
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
-    return reduced, gather_evidence(reduced, False)
+    return reduced, gather_evidence(reduced)
 
 
 @pytest.fixture
@@ -197,7 +197,7 @@ def test_of_three_lamps_or_without_edges_what_is_left_unexplained_decides(
     count = 3
     if scene == "without edges":
         reduced = reduce_pair(exact(warm_to_cool[:2])[0])
-        count, seen = 2, (reduced, gather_evidence(reduced, False))
+        count, seen = 2, (reduced, gather_evidence(reduced))
     # the pinned lamp is none of those found without it
     found, free = (model.lamp_matrix(warm_to_cool[::step][:count]) for step in (1, -1))
     monkeypatch.setattr(module, "unexplained", lambda _r, _e, m: left[int(m is free)])

@@ -35,7 +35,7 @@ class Counting:
 
     def evidence(self, pair: Any) -> tuple[ReducedPair, Evidence]:
         reduced = reduce_pair(pair)
-        return reduced, gather_evidence(reduced, pair.flash_only)
+        return reduced, gather_evidence(reduced)
 
     def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
         return fit_matrices(
@@ -249,7 +249,7 @@ def test_many_paints_under_one_lamp_make_no_second(
     seen = (surfaces @ (camera.sensitivities * find_light(light)).T for light in (lamp, "xenon"))
     light, flash = (colours[tiles] / colours.max() for colours in seen)
     reduced = reduced_pair(0.6 * light * np.linspace(0.3, 1, 80)[None, :, None], 0.5 * flash)
-    evidence = gather_evidence(reduced, False)
+    evidence = gather_evidence(reduced)
     fit = partial(counted.fit, reduced, evidence)
 
     assert count_lamps(reduced, evidence, model, fit, fit) == Count(1, 0.8)

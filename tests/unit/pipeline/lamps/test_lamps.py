@@ -42,7 +42,7 @@ def test_lamps_of_the_model_are_found(
     pair = shadowed(true) if scene == "shadowed" else exact(true)[0]
     requested: Any = "auto" if automatic else len(which)
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best")
 
     assert len(found) == len(which)
     assert found.requested == requested
@@ -63,7 +63,7 @@ def test_the_published_method_is_that_of_the_paper(
 ) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
-    found = estimate_lamps(reduced, model, requested, "paper", False)
+    found = estimate_lamps(reduced, model, requested, "paper")
 
     published = lights_of_pair(reduced, model, requested)
     redness = published[:, 0] / published.sum(axis=1)
@@ -75,8 +75,8 @@ def test_the_published_method_is_that_of_the_paper(
 def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Floats64) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
-    best = estimate_lamps(reduced, model, "auto", "best", False)
-    paper = estimate_lamps(reduced, model, "auto", "paper", False)
+    best = estimate_lamps(reduced, model, "auto", "best")
+    paper = estimate_lamps(reduced, model, "auto", "paper")
 
     assert len(best) == len(paper) == 3
     assert best.confidence == paper.confidence
@@ -88,7 +88,7 @@ def test_lamps_are_named_from_warm_to_cool(
 ) -> None:
     pair, _ = exact(warm_to_cool[list(order)])
 
-    found = estimate_lamps(reduce_pair(pair), model, 3, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 3, "best")
 
     redness = found.coefficients[:, 0] / found.coefficients.sum(axis=1)
     assert (np.diff(redness) < 0).all()
@@ -101,7 +101,7 @@ def test_matrices_are_those_of_the_lamps(
     pair, layers = exact(warm_to_cool[[0, 2]])
     part = pair.flash - pair.no_flash
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best")
 
     for matrix, layer in zip(found.matrices, layers, strict=True):
         lit = layer.sum(axis=2) > 0.01
@@ -114,7 +114,7 @@ def test_what_is_asked_for_is_given(
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best")
 
     assert len(found) == requested
     assert found.confidence == 1.0
@@ -130,7 +130,7 @@ def test_channels_are_weighed_by_their_light(
     pair, _ = exact(warm_to_cool[[0, 2]])
     reduced = reduce_pair(pair)
 
-    found = estimate_lamps(reduced, model, 2, "best", False)
+    found = estimate_lamps(reduced, model, 2, "best")
 
     mean = reduced.no_flash[reduced.usable].mean(axis=0)
     np.testing.assert_allclose(found.channel_weights * mean, 1, rtol=1e-4)
@@ -141,7 +141,7 @@ def test_invariants_are_unit_vectors_between_the_lamps(
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best")
 
     np.testing.assert_allclose(np.linalg.norm(found.invariants, axis=1), 1, rtol=1e-6)
     plane = np.cross(warm_to_cool[0], warm_to_cool[2])
@@ -154,7 +154,7 @@ def test_the_least_angle_is_that_of_similar_lamps(
     warm, _, cool = warm_to_cool
     pair, _ = exact(np.array([warm, 0.92 * warm + 0.08 * cool]))
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best")
 
     mixed = 0.92 * warm + 0.08 * cool
     true = np.degrees(np.arccos(warm @ mixed / np.linalg.norm(mixed)))
@@ -172,7 +172,7 @@ def test_lamps_that_stand_out_less_are_less_sure(
         clean, _ = exact(np.array([warm, (1 - part) * warm + part * cool]))
         noisy = clean.no_flash * (1 + rng.normal(0, 0.03, clean.no_flash.shape))
         reduced = reduce_pair(pair_of(noisy, clean.flash - clean.no_flash))
-        sureness.append(estimate_lamps(reduced, model, 2, "best", False).lamp_confidence.min())
+        sureness.append(estimate_lamps(reduced, model, 2, "best").lamp_confidence.min())
 
     assert sureness == sorted(sureness, reverse=True)
     assert sureness[0] > 0.8
@@ -188,7 +188,7 @@ def test_lamps_are_found_in_noise(
     noisy[stray] = rng.uniform(0, 0.5, (int(stray.sum()), 3))
     pair = pair_of(noisy, clean.flash - clean.no_flash)
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best")
 
     assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 3
 
@@ -198,7 +198,7 @@ def test_estimating_is_the_same_every_time(
 ) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
-    once, again = (estimate_lamps(reduced, model, "auto", "best", False) for _ in range(2))
+    once, again = (estimate_lamps(reduced, model, "auto", "best") for _ in range(2))
 
     np.testing.assert_array_equal(once.coefficients, again.coefficients)
     assert once.confidence == again.confidence
@@ -230,7 +230,7 @@ def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
     part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
     pair = pair_of(part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T, part)
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best")
 
     assert len(found) == (1 if requested == "auto" else requested)
     white = whites(model, warm_to_cool[:1]).repeat(len(found), axis=0)
@@ -244,7 +244,7 @@ def test_matrices_that_point_the_other_way_are_turned(
     true = model.lamp_matrix(warm_to_cool[[0, 2]])
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true * [[[1]], [[-1]]], 0.0))
 
-    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best")
 
     assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 1e-4
     np.testing.assert_allclose(found.matrices @ model.flash_white, found.coefficients)
@@ -257,7 +257,7 @@ def test_lamps_are_moved_by_pools_before_they_are_followed_outwards(
     monkeypatch.setattr(lamps, "fit_pools", lambda *_: moved)
     monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
 
-    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best")
 
     assert angles(found.coefficients, whites(model, warm_to_cool[[0, 1]])).max() < 1e-4
 
@@ -280,12 +280,12 @@ def test_two_other_lamps_that_a_search_came_to_are_rivals(
         monkeypatch.setattr(lamps, name, lambda *_: fit)
     monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
 
-    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
+    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best")
 
     expected = float(angles(*whites(model, warm_to_cool[[1, 2]])))
     assert found.rival_deg == pytest.approx(expected, abs=1e-6)
     bent = replace(shadowed(warm_to_cool[[0, 2]]), rendered=True)
-    assert estimate_lamps(reduce_pair(bent), model, 2, "best", False).rival_deg == 0
+    assert estimate_lamps(reduce_pair(bent), model, 2, "best").rival_deg == 0
 
 
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
@@ -294,8 +294,8 @@ def test_lamps_found_in_two_ways_have_no_rivals(
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[which]))
 
-    assert estimate_lamps(reduced, model, "auto", "best", False).rival_deg < 0.1
-    assert estimate_lamps(reduced, model, "auto", "paper", False).rival_deg == 0.0
+    assert estimate_lamps(reduced, model, "auto", "best").rival_deg < 0.1
+    assert estimate_lamps(reduced, model, "auto", "paper").rival_deg == 0.0
 
 
 @pytest.mark.parametrize(("requested", "confidence"), [("auto", 0.5), (1, 1.0)])
@@ -310,7 +310,7 @@ def test_lamps_that_do_not_explain_the_photograph_are_half_certain(
     monkeypatch.setattr(lamps, "left_over", lambda *_: 0.09)
     pair = shadowed(warm_to_cool[:1])
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best")
 
     assert found.confidence == confidence
     assert found.left_over == 0.09
@@ -325,13 +325,13 @@ def test_signs_of_four_lamps_are_told(
 
     given: tuple[Literal["auto", 3], ...] = ("auto", 3)
     for requested in given:
-        found = estimate_lamps(reduced, model, requested, "best", False)
+        found = estimate_lamps(reduced, model, requested, "best")
 
         assert len(found) == 3
         assert found.four_or_more
         assert found.confidence == (0.3 if requested == "auto" else 1.0)
 
-        published = estimate_lamps(reduced, model, requested, "paper", False)
+        published = estimate_lamps(reduced, model, requested, "paper")
 
         # the published method says nothing of how many there are
         assert published.four_or_more is (requested == "auto")
@@ -350,7 +350,7 @@ def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(asked, 0.0))
     monkeypatch.setattr(lamps, "signs_of_fourth", lambda *_: True)
 
-    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, requested, "best", False)
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, requested, "best")
 
     assert found.four_or_more is more
 
@@ -366,7 +366,7 @@ def test_a_fourth_is_told_by_lamps_of_pools_before_they_are_followed_outwards(
     monkeypatch.setattr(lamps, "follow_outwards", lambda *_: Fit(outwards, 0.0))
     monkeypatch.setattr(lamps, "signs_of_fourth", lambda *given: np.array_equal(given[3], moved))
 
-    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, 3, "best", False)
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, 3, "best")
 
     assert found.four_or_more
     assert angles(found.coefficients, whites(model, warm_to_cool)).min() > 1  # the followed ones
@@ -379,14 +379,14 @@ def test_one_lamp_for_two_does_not_explain_the_photograph(
     two = warm_to_cool[[0, 2]]
     pair = shadowed(two) if scene == "shadowed" else exact(two)[0]
 
-    found = estimate_lamps(reduce_pair(pair), model, 1, "best", False)
+    found = estimate_lamps(reduce_pair(pair), model, 1, "best")
 
     assert found.unexplained
     assert found.left_over > 0.08
 
 
 def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Floats64) -> None:
-    found = estimate_lamps(reduce_pair(exact(warm_to_cool[:1])[0]), model, 1, "best", False)
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool[:1])[0]), model, 1, "best")
 
     assert found.least_angle_deg == 90.0
     assert found.least_sine == 1.0
@@ -397,8 +397,8 @@ def test_edges_tell_which_lamp_casts_a_shadow(
 ) -> None:
     two = warm_to_cool[[0, 2]]
 
-    with_shadows = estimate_lamps(reduce_pair(shadowed(two)), model, 2, "best", False)
-    without = estimate_lamps(reduce_pair(exact(two)[0]), model, 2, "best", False)
+    with_shadows = estimate_lamps(reduce_pair(shadowed(two)), model, 2, "best")
+    without = estimate_lamps(reduce_pair(exact(two)[0]), model, 2, "best")
 
     assert with_shadows.alone.shape == (2,)
     assert (with_shadows.alone > 0.01).all()

@@ -51,8 +51,8 @@ def test_a_pinned_lamp_that_is_not_there_is_doubted_among_right_ones(
     """Of three pinned lamps two shine."""
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
 
-    found = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[list(order)]))
-    right = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[:2]))
+    found = estimate_lamps(reduced, model, "auto", "best", pinned(warm_to_cool[list(order)]))
+    right = estimate_lamps(reduced, model, "auto", "best", pinned(warm_to_cool[:2]))
 
     (warning,) = found.contradictions
     assert (warning.code, warning.figures) == (
@@ -76,7 +76,7 @@ def test_it_is_told_which_lamps_were_pinned(
     true = warm_to_cool[[0, 2]]
     known = pinned(warm_to_cool[list(which)])
 
-    found = estimate_lamps(reduce_pair(shadowed(true)), model, "auto", "best", False, known)
+    found = estimate_lamps(reduce_pair(shadowed(true)), model, "auto", "best", known)
 
     assert found.pinned.tolist() == expected
     whites = model.lamp_matrix(true) @ model.flash_white
@@ -89,7 +89,7 @@ def test_as_many_lamps_are_found_as_are_pinned(
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[:1]))
 
-    found = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[[2, 0]]))
+    found = estimate_lamps(reduced, model, "auto", "best", pinned(warm_to_cool[[2, 0]]))
 
     assert found.pinned.tolist() == [1, 0]
     whites = model.lamp_matrix(warm_to_cool[[0, 2]]) @ model.flash_white
@@ -117,7 +117,7 @@ def test_counting_begins_with_what_is_known_and_never_below_one(
     known = None if pins is None else pinned(warm_to_cool[:pins])
     reduced = reduce_pair(exact(warm_to_cool[:least])[0])
 
-    found = estimate_lamps(reduced, model, "auto", "best", False, known)
+    found = estimate_lamps(reduced, model, "auto", "best", known)
 
     assert len(found) == min(asked) == least
     assert found.pinned.tolist() == [*range(pins or 0), *[-1] * (least - (pins or 0))]
@@ -128,7 +128,7 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
 ) -> None:
     reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
 
-    found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[[1]]))
+    found = estimate_lamps(reduced, model, 2, "best", pinned(warm_to_cool[[1]]))
 
     assert 0 in found.pinned
     (warning,) = found.contradictions
@@ -164,7 +164,7 @@ def test_what_no_light_can_be_is_no_rival_of_lamps_beside_a_pinned_one(
     monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
     reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
 
-    found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[:pins]))
+    found = estimate_lamps(reduced, model, 2, "best", pinned(warm_to_cool[:pins]))
 
     assert (found.rival_deg > 5) == told
 
@@ -182,9 +182,9 @@ def test_a_forbidden_lamp_that_is_missed_is_told(
 
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
 
-    (warning,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
+    (warning,) = estimate_lamps(reduced, model, 2, "best", known).contradictions
     assert warning.code == Code.FORBIDDEN_LAMP_SHOWS
-    assert estimate_lamps(reduced, model, 2, "best", False).contradictions == ()
+    assert estimate_lamps(reduced, model, 2, "best").contradictions == ()
 
 
 def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
@@ -193,4 +193,4 @@ def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
     true = model.lamp_matrix(warm_to_cool[:2])
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true, np.inf))
     with pytest.raises(OptionError, match="Whatever 2 lamps explain the photograph"):
-        estimate_lamps(reduce_pair(shadowed(warm_to_cool[:2])), model, 2, "best", False)
+        estimate_lamps(reduce_pair(shadowed(warm_to_cool[:2])), model, 2, "best")

@@ -27,7 +27,7 @@ def found(lamps_of: Build, warm_to_cool: Floats64) -> Callable[..., Floats64]:
 
     def find(light: Floats64, *matrices: Floats64) -> Floats64:
         lamps = lamps_of(warm_to_cool[: len(matrices)], matrices=np.stack(matrices))
-        return light_in_shadows(reduced_pair(light, even(*FLASH)), True, lamps)
+        return light_in_shadows(reduced_pair(light, even(*FLASH), flash_only=True), lamps)
 
     return find
 

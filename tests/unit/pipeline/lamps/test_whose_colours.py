@@ -79,12 +79,12 @@ def build(camera: Camera) -> Model:
 def chosen_for(
     pair: Any, requested: Literal["auto", 1, 2, 3], sensor: Camera | None = None
 ) -> Camera:
-    return likely_camera(pair, find_light("xenon"), requested, False, sensor, build)
+    return likely_camera(pair, find_light("xenon"), requested, sensor, build)
 
 
 def doubts_of(pair: Any, lamps: int, camera: Camera, frame: Frame) -> list[str]:
     """Messages of the warnings."""
-    warnings = camera_doubts(reduce_pair(pair), lamps, False, camera, frame, build)
+    warnings = camera_doubts(reduce_pair(pair), lamps, camera, frame, build)
     assert {warning.code for warning in warnings} <= {Code.CAMERA_DOUBTFUL}
     return [warning.message for warning in warnings]
 
@@ -409,4 +409,4 @@ def test_linear_files_that_say_their_colours_are_not_asked(
     dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
 
     assert names_no_camera(find_camera(None, photograph), photograph) is False
-    assert camera_doubts(dark, 2, False, named, photograph, build) == []
+    assert camera_doubts(dark, 2, named, photograph, build) == []

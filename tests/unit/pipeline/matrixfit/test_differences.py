@@ -15,7 +15,7 @@ def test_differences_are_the_lamp_that_is_shadowed() -> None:
     rest = even(0.2, 0.3, 0.3)
 
     found = gather_evidence(
-        reduced_pair(left_and_right(rest + lamp, rest), even(0.5, 0.5, 0.5)), True
+        reduced_pair(left_and_right(rest + lamp, rest), even(0.5, 0.5, 0.5), flash_only=True)
     )
 
     data = found.differences
@@ -32,7 +32,7 @@ def test_differences_under_a_dim_flash_have_covariances(flash: float) -> None:
     lamp, rest = np.array([0.2, 0.1, 0.1]), even(0.7, 0.05, 0.05)
     light = left_and_right(rest + lamp, rest)
 
-    found = gather_evidence(reduced_pair(light, even(flash, flash, flash)), False).differences
+    found = gather_evidence(reduced_pair(light, even(flash, flash, flash))).differences
 
     assert len(found) >= HEIGHT
     xx, xy, yy = found.covariance.T
@@ -48,9 +48,10 @@ def test_noise_of_grey_differences_is_known() -> None:
         even(b, b, b),
         no_flash_variance=v_n,
         flash_variance=v_f,
+        flash_only=True,
     )
 
-    found = gather_evidence(pair, True).differences
+    found = gather_evidence(pair).differences
 
     size = 2 * v_n / (a - less) ** 2 + v_f / (2 * b**2)
     expected = CENTRED[[0, 0, 1], [0, 1, 1]] * size / 9
@@ -74,21 +75,27 @@ def test_differences_are_of_one_surface_only(
     light = left_and_right(even(0.5, 0.5, 0.4), even(0.2, 0.3, 0.3))
     flash = left_and_right(even(0.5, 0.5, 0.5), even(*right_flash))
 
-    assert bool(len(gather_evidence(reduced_pair(light, flash), True).differences)) is some
+    assert (
+        bool(len(gather_evidence(reduced_pair(light, flash, flash_only=True)).differences)) is some
+    )
 
 
 @pytest.mark.parametrize("drop", [0.05, 0.6])
 def test_differences_are_steps_of_some_size(drop: float) -> None:
     whole = even(0.5, 0.5, 0.4)
-    pair = reduced_pair(left_and_right(whole, (1 - drop) * whole), even(0.5, 0.5, 0.5))
+    pair = reduced_pair(
+        left_and_right(whole, (1 - drop) * whole), even(0.5, 0.5, 0.5), flash_only=True
+    )
 
-    assert bool(len(gather_evidence(pair, True).differences)) is (drop == 0.6)
+    assert bool(len(gather_evidence(pair).differences)) is (drop == 0.6)
 
 
 @pytest.mark.parametrize(("columns", "some"), [(1, True), (2, False), (4, False)])
 def test_differences_are_of_steps_that_end(columns: int, some: bool) -> None:
     """Where the light goes on changing, a surface bends and all lamps change."""
     fall = np.clip((np.arange(WIDTH) - WIDTH // 2) / columns + 1, 0, 1)[None, :, None]
-    pair = reduced_pair((1 - 0.8 * fall) * even(0.5, 0.5, 0.4), even(0.5, 0.5, 0.5))
+    pair = reduced_pair(
+        (1 - 0.8 * fall) * even(0.5, 0.5, 0.4), even(0.5, 0.5, 0.5), flash_only=True
+    )
 
-    assert bool(len(gather_evidence(pair, True).differences)) is some
+    assert bool(len(gather_evidence(pair).differences)) is some

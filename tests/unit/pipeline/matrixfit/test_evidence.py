@@ -15,7 +15,9 @@ CENTRED = np.eye(3) - 1 / 3
 
 
 def test_pixels_are_chromaticities_of_light_and_flash() -> None:
-    found = gather_evidence(reduced_pair(even(0.4, 0.3, 0.1), even(0.2, 0.5, 0.3)), True).pixels
+    found = gather_evidence(
+        reduced_pair(even(0.4, 0.3, 0.1), even(0.2, 0.5, 0.3), flash_only=True)
+    ).pixels
 
     assert len(found) == HEIGHT * WIDTH
     np.testing.assert_allclose(found.x, np.tile([0.2, 0.5, 0.3], (len(found), 1)))
@@ -27,9 +29,10 @@ def test_pixels_are_chromaticities_of_light_and_flash() -> None:
 def test_noise_of_grey_pixels_is_known(flash_only: bool) -> None:
     """Light a and flash part b, both grey: variances v over (3a)² and (3b)², off the diagonal."""
     a, b, v_n, v_f = 0.4, 0.5, 1e-5, 3e-5
-    pair = reduced_pair(even(a, a, a), even(b, b, b), no_flash_variance=v_n, flash_variance=v_f)
+    variances = {"no_flash_variance": v_n, "flash_variance": v_f}
+    pair = reduced_pair(even(a, a, a), even(b, b, b), flash_only, **variances)
 
-    found = gather_evidence(pair, flash_only).pixels
+    found = gather_evidence(pair).pixels
 
     size = v_n / a**2 + v_f / b**2 + (0 if flash_only else 2 * v_n / (a * b))
     expected = CENTRED[[0, 0, 1], [0, 1, 1]] * size / 9
@@ -41,7 +44,8 @@ def test_noise_of_coloured_pixels_is_what_it_does_to_them(flash_only: bool) -> N
     rng = np.random.default_rng(2)
     n, f = np.array([0.5, 0.3, 0.2]), np.array([0.3, 0.4, 0.35])
     v_n, v_f = np.array([1e-6, 2e-6, 3e-6]), np.array([5e-6, 6e-6, 4e-6])
-    pair = reduced_pair(even(*n), even(*f), no_flash_variance=v_n, flash_variance=v_f)
+    variances = {"no_flash_variance": v_n, "flash_variance": v_f}
+    pair = reduced_pair(even(*n), even(*f), flash_only, **variances)
     noise_n = rng.normal(0, np.sqrt(v_n), (200_000, 3))
     if flash_only:
         noise_f = rng.normal(0, np.sqrt(v_f), noise_n.shape)
@@ -57,13 +61,15 @@ def test_noise_of_coloured_pixels_is_what_it_does_to_them(flash_only: bool) -> N
     residual = noisy_u - predicted / predicted.sum(axis=1, keepdims=True)
     true = np.cov(residual[:, :2].T)
 
-    found = gather_evidence(pair, flash_only).pixels.covariance[0]
+    found = gather_evidence(pair).pixels.covariance[0]
 
     np.testing.assert_allclose(found, true[[0, 0, 1], [0, 1, 1]], atol=0.02 * true.max())
 
 
 def test_no_photograph_is_better_than_its_least_noise() -> None:
-    found = gather_evidence(reduced_pair(even(0.4, 0.4, 0.4), even(0.5, 0.5, 0.5)), True).pixels
+    found = gather_evidence(
+        reduced_pair(even(0.4, 0.4, 0.4), even(0.5, 0.5, 0.5), flash_only=True)
+    ).pixels
 
     np.testing.assert_allclose(found.covariance[:, 0], 2 / 3 * 2 * 1.5e-4**2)
 
@@ -75,7 +81,7 @@ def test_pixels_that_are_not_usable_or_dark_are_left_out() -> None:
     light[10:15] *= 0.004
     flash[15:20] *= 0.009
 
-    found = gather_evidence(reduced_pair(light, flash, usable=usable), True).pixels
+    found = gather_evidence(reduced_pair(light, flash, usable=usable, flash_only=True)).pixels
 
     assert len(found) == 20 * WIDTH
 
@@ -85,7 +91,7 @@ def test_nothing_usable_is_no_evidence() -> None:
         even(0.4, 0.3, 0.1), even(0.2, 0.5, 0.3), usable=np.zeros((HEIGHT, WIDTH), bool)
     )
 
-    found = gather_evidence(pair, False)
+    found = gather_evidence(pair)
 
     assert len(found.pixels) == len(found.differences) == len(found.terminators) == 0
     assert found.difference_share == 0
@@ -95,11 +101,11 @@ def two_brightnesses(share: float = 0.5) -> ReducedPair:
     """Of 10,000 pixels, those on the left have four times the light; flash colours differ."""
     left = np.arange(100)[None, :, None] < 100 * share
     flash = np.where(left, [0.4, 0.3, 0.3], [0.3, 0.4, 0.3]) * np.ones((100, 100, 1))
-    return reduced_pair(np.where(left, 0.8, 0.2) * flash, flash)
+    return reduced_pair(np.where(left, 0.8, 0.2) * flash, flash, flash_only=True)
 
 
 def test_pixels_are_drawn_by_the_root_of_their_light() -> None:
-    found = gather_evidence(two_brightnesses(), True).pixels
+    found = gather_evidence(two_brightnesses()).pixels
 
     assert len(found) == 3600
     assert (found.x[:, 0] > found.x[:, 1]).sum() == pytest.approx(2400, abs=2)
@@ -107,7 +113,7 @@ def test_pixels_are_drawn_by_the_root_of_their_light() -> None:
 
 
 def test_drawing_is_the_same_every_time() -> None:
-    first, second = (gather_evidence(two_brightnesses(0.3), True).pixels for _ in range(2))
+    first, second = (gather_evidence(two_brightnesses(0.3)).pixels for _ in range(2))
 
     np.testing.assert_array_equal(first.x, second.x)
     np.testing.assert_array_equal(first.u, second.u)
@@ -118,7 +124,7 @@ def test_rare_light_is_drawn_more_often() -> None:
     light = flash.copy()
     light[:4] = (0.6, 0.2, 0.1)  # of the same sum: 400 of 10,000 pixels
 
-    found = gather_evidence(reduced_pair(light, flash), True).pixels
+    found = gather_evidence(reduced_pair(light, flash, flash_only=True)).pixels
 
     rare, common = 400**-0.6 * 400, 9600**-0.6 * 9600
     drawn = (found.u[:, 0] > 0.5).sum()
@@ -131,7 +137,9 @@ def test_noisy_pixels_are_left_out() -> None:
     noise = left_and_right(even(*(0.03,) * 3), even(*(0.05,) * 3))  # relative to the whole light
     variance = (noise * 1.2) ** 2 / 3
 
-    found = gather_evidence(reduced_pair(light, flash, no_flash_variance=variance), True).pixels
+    found = gather_evidence(
+        reduced_pair(light, flash, no_flash_variance=variance, flash_only=True)
+    ).pixels
 
     assert len(found) == HEIGHT * WIDTH / 2
     np.testing.assert_allclose(found.x, 1 / 3)
@@ -142,7 +150,9 @@ def test_of_a_very_noisy_pair_the_least_noisy_pixels_are_taken() -> None:
     noise = left_and_right(even(*(0.2,) * 3), even(*(0.3,) * 3))
     variance = (noise * 1.2) ** 2 / 3
 
-    found = gather_evidence(reduced_pair(light, flash, no_flash_variance=variance), True).pixels
+    found = gather_evidence(
+        reduced_pair(light, flash, no_flash_variance=variance, flash_only=True)
+    ).pixels
 
     assert len(found) == HEIGHT * WIDTH / 2
     np.testing.assert_allclose(found.x, 1 / 3)
@@ -157,13 +167,13 @@ def test_an_area_shows_its_usable_pixels_and_counts_less_than_a_picture() -> Non
     pair = reduced_pair(light, even(0.2, 0.5, 0.3), usable=usable, no_flash_variance=1e-5)
     area = np.broadcast_to(np.arange(WIDTH) < 20, (HEIGHT, WIDTH))
 
-    found = evidence_of_area(pair, False, area)
+    found = evidence_of_area(pair, area)
 
     assert len(found) == 30 * 20
     np.testing.assert_allclose(found.x, np.tile([0.2, 0.5, 0.3], (600, 1)))
     np.testing.assert_allclose(found.u, np.tile([0.5, 0.375], (600, 1)))
     np.testing.assert_allclose(found.weight, 60 / 600)
-    whole = gather_evidence(pair, False).pixels
+    whole = gather_evidence(pair).pixels
     of_area = whole.covariance[whole.u[:, 0] > 0.4][0]
     np.testing.assert_allclose(found.covariance, np.tile(of_area, (600, 1)))
 

@@ -29,7 +29,7 @@ def fitted(model: Model) -> Fitted:
 
     def of_pair(pair: Any, lamps: int) -> Fit:
         reduced = reduce_pair(pair)
-        evidence = gather_evidence(reduced, pair.flash_only)
+        evidence = gather_evidence(reduced)
         return fit_matrices(reduced, evidence, model, lamps, nothing_known(model.flash_white))
 
     return of_pair
@@ -77,7 +77,7 @@ def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
 
     known = nothing_known(scale * model.flash_white)
-    first_fit(reduced, gather_evidence(reduced, False), model, 2, known)
+    first_fit(reduced, gather_evidence(reduced), model, 2, known)
 
     white = model.flash_white / model.flash_white.sum()
     np.testing.assert_allclose(made, [white])
@@ -99,7 +99,7 @@ def test_no_mirror_takes_the_place_of_its_lamp(
     """A share of the differences has a lamp's own colour, on surfaces of many."""
     pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
     reduced, known = reduce_pair(pair), nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced, False)
+    evidence = gather_evidence(reduced)
     own = model.lamp_matrix(warm_to_cool[2]) @ model.flash_white
     data = evidence.differences
     some = np.arange(len(data)) % 10 < 10 * mirrored
@@ -257,7 +257,7 @@ def test_several_lamps_are_searched_from_the_published_ones_too(
     pair = replace(shadowed(warm_to_cool[which]), rendered=rendered)
     reduced, nothing = reduce_pair(pair), nothing_known(model.flash_white)
 
-    found = first_fit(reduced, gather_evidence(reduced, False), model, len(which), nothing)
+    found = first_fit(reduced, gather_evidence(reduced), model, len(which), nothing)
 
     assert off(wrong, true) > 0.1
     assert (off(found.matrices, true) < 0.006) == corrected

@@ -33,7 +33,7 @@ def test_pools_beside_edges_move_lamps(
     true = model.lamp_matrix(warm_to_cool[which])
     true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced, False)
+    found = gather_evidence(reduced)
     anywhere = np.random.default_rng(1).uniform(0.0, 0.6, found.differences.u.shape)
     found = replace(
         found, differences=replace(found.differences, u=anywhere), pools=found.differences
@@ -56,7 +56,7 @@ def test_beside_edges_lamps_are_found_without_pools(
 ) -> None:
     """Also where they leave much, and are found in other ways."""
     reduced, nothing = reduce_pair(shadowed(warm_to_cool)), nothing_known(model.flash_white)
-    found = gather_evidence(reduced, False)
+    found = gather_evidence(reduced)
     wrong = replace(found.differences, u=found.differences.u[::-1])
     asked: list[int] = []
 
@@ -89,7 +89,7 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
     """Every second pool has the light of all lamps."""
     true = model.lamp_matrix(warm_to_cool[which])
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced, False)
+    found = gather_evidence(reduced)
     corners = found.differences.corners(true)
     some = np.arange(len(found.differences)) % 2 > 0
     u = np.where(some[:, None], corners.mean(axis=0), corners[0])
@@ -147,7 +147,7 @@ def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
         whites = model.lamp_matrix(warm_to_cool[[forbidden]]) @ model.flash_white
         known = replace(known, forbidden=whites / np.linalg.norm(whites))
     reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
-    found = gather_evidence(reduced, False)
+    found = gather_evidence(reduced)
     found = replace(found, pools=found.differences)
 
     moved = fit_pools(reduced, found, model, known, Fit(lamps["usual"], 1.0))
@@ -159,7 +159,7 @@ def test_pools_leave_one_lamp_and_forbidden_ones_as_they_are(
     shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[:1])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced, False)
+    found = gather_evidence(reduced)
     found = replace(found, pools=found.differences)
     one = Fit(model.lamp_matrix(warm_to_cool[:1]), 1.0)
     none = Fit(model.lamp_matrix(warm_to_cool[:2]), np.inf)
@@ -176,7 +176,7 @@ def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
     true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
     within = 0.9 * true + 0.1 * true[::-1]
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[[0, 2]])), nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced, False)
+    evidence = gather_evidence(reduced)
 
     found = follow_outwards(reduced, evidence, model, nothing, Fit(within, 7.0))
 
@@ -222,7 +222,7 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     if forbidden:
         known = replace(known, forbidden=warm_to_cool[2:])
     reduced = reduce_pair(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered))
-    evidence = gather_evidence(reduced, False)
+    evidence = gather_evidence(reduced)
 
     found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
 
@@ -251,7 +251,7 @@ def test_three_lamps_give_way_to_those_that_leave_clearly_less(
     monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
     monkeypatch.setattr(fit, "unexplained", left)
     known, reduced = nothing_known(model.flash_white), reduce_pair(shadowed(warm_to_cool))
-    evidence = gather_evidence(reduced, False)
+    evidence = gather_evidence(reduced)
 
     found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
 

@@ -29,7 +29,7 @@ def seen(shadowed: Callable[[Floats64], Any]) -> Callable[[Floats64], Evidence]:
 
     def of(lamps: Floats64) -> Evidence:
         pair = shadowed(lamps)
-        return gather_evidence(reduce_pair(pair), pair.flash_only)
+        return gather_evidence(reduce_pair(pair))
 
     return of
 

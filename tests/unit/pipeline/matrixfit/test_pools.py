@@ -30,7 +30,7 @@ def slope() -> Floats64:
 
 def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Data:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
-    return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more), True).pools
+    return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more, flash_only=True)).pools
 
 
 def test_pools_are_the_lamp_that_is_near() -> None:
@@ -123,7 +123,7 @@ def test_pools_where_something_is_not_usable_are_left_out() -> None:
 def test_a_picture_smaller_than_a_pool_has_none(shape: tuple[int, int]) -> None:
     light = np.ones((*shape, 3)) * FAR
 
-    found = gather_evidence(reduced_pair(light, np.full((*shape, 3), 0.5)), True)
+    found = gather_evidence(reduced_pair(light, np.full((*shape, 3), 0.5), flash_only=True))
 
     assert not len(found.pools)
 
@@ -157,9 +157,9 @@ def test_beside_edges_few_pools_count_and_none_of_a_rendering(
     """A spot bends the light in a few pixels; what is surest beside edges has no pools."""
     shadow = left_and_right(even(*FAR), even(0, 0, 0) if edge else even(*FAR))
     light = NEAR * pool(height, at=(WIDTH / 4, 20)) + shadow + FAR
-    pair = replace(reduced_pair(light, even(0.5, 0.5, 0.5)), rendered=rendered)
+    pair = replace(reduced_pair(light, even(0.5, 0.5, 0.5), flash_only=True), rendered=rendered)
 
-    found = gather_evidence(pair, True)
+    found = gather_evidence(pair)
 
     assert found.has_edges is edge
     assert bool(len(found.pools)) is some
@@ -171,7 +171,9 @@ def test_pools_are_not_asked_where_round_things_have_terminators() -> None:
     """A lamp that ends at a column beside a pool elsewhere."""
     ends = 3.0 * FAR * np.maximum(WIDTH / 2 - ACROSS, 0.0) / WIDTH
     evidence = gather_evidence(
-        reduced_pair(NEAR * pool(at=(WIDTH * 0.8, 20)) + ends + FAR, even(0.5, 0.5, 0.5)), True
+        reduced_pair(
+            NEAR * pool(at=(WIDTH * 0.8, 20)) + ends + FAR, even(0.5, 0.5, 0.5), flash_only=True
+        )
     )
 
     assert len(evidence.terminators)

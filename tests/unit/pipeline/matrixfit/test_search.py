@@ -28,7 +28,7 @@ def problem(
     """Pose the problem of finding the lamps behind shadows."""
 
     def of_lamps(lamps: int) -> Problem:
-        evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool[:lamps])), False)
+        evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool[:lamps])))
         pure_share = 0.15 if lamps == 2 else 0.02
         terms = make_terms(evidence, lamps, False, pure_share, model.flash_white)
         return Problem(lamps, terms, model.prior, LEVELS, nothing_known(model.flash_white))

@@ -33,7 +33,7 @@ def test_the_true_lamps_are_among_the_candidates(
     which: tuple[int, ...],
 ) -> None:
     true = warm_to_cool[list(which)]
-    evidence = gather_evidence(reduce_pair(shadowed(true)), False)
+    evidence = gather_evidence(reduce_pair(shadowed(true)))
 
     found = start_points(evidence, model.tensor)
 
@@ -47,7 +47,7 @@ def test_without_shadows_the_outermost_pixels_tell(
     exact: Callable[..., Any], model: Model, warm_to_cool: Floats64, which: tuple[int, ...]
 ) -> None:
     true = warm_to_cool[list(which)]
-    evidence = gather_evidence(reduce_pair(exact(true)[0]), False)
+    evidence = gather_evidence(reduce_pair(exact(true)[0]))
     assert not len(evidence.differences)
 
     assert off(start_points(evidence, model.tensor), true).max() < 1.5
@@ -56,7 +56,7 @@ def test_without_shadows_the_outermost_pixels_tell(
 def test_pools_of_light_are_candidates(
     exact: Callable[..., Any], model: Model, warm_to_cool: Floats64
 ) -> None:
-    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), False)
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[[0, 2]])[0]))
     between = unit(0.7 * warm_to_cool[0] + 0.3 * warm_to_cool[2])
     alone = evidence.pixels.x @ model.lamp_matrix(between).T
     u = alone[:, :2] / alone.sum(axis=1, keepdims=True)
@@ -74,7 +74,7 @@ def test_pools_of_light_are_candidates(
 def test_candidates_are_unlike_each_other(
     shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
-    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
+    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)))
 
     found = start_points(evidence, model.tensor)
 
@@ -85,7 +85,7 @@ def test_candidates_are_unlike_each_other(
 def test_candidates_are_the_same_every_time(
     shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
 ) -> None:
-    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
+    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)))
 
     first, second = (start_points(evidence, model.tensor) for _ in range(2))
 
@@ -95,7 +95,7 @@ def test_candidates_are_the_same_every_time(
 def test_invariants_of_one_lamp_are_its_coefficients(
     exact: Callable[..., Any], model: Model, warm_to_cool: Floats64
 ) -> None:
-    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[1])[0]), False)
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[1])[0]))
 
     found = invariants(evidence.pixels, model.tensor)
 
@@ -112,7 +112,7 @@ def test_a_model_that_makes_no_sense_of_any_pixel_is_an_error(
     gammas: Floats64,
 ) -> None:
     """No pixel can be solved, or all are solved and have no middle."""
-    evidence = gather_evidence(reduce_pair(exact(warm_to_cool)[0]), False)
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool)[0]))
     monkeypatch.setattr(starts, "invariants", lambda *_: gammas)
 
     with pytest.raises(UnusablePairError, match="hardly any pixel agrees"):

@@ -26,7 +26,7 @@ def rising() -> Floats64:
 
 def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Evidence:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
-    return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more), True)
+    return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more, flash_only=True))
 
 
 def test_terminators_are_the_lamp_that_begins() -> None:
@@ -103,7 +103,7 @@ def test_few_terminators_are_chance() -> None:
 def test_a_picture_smaller_than_a_terminator_has_none() -> None:
     light = np.ones((5, 6, 3)) * REST
 
-    found = gather_evidence(reduced_pair(light, np.full((5, 6, 3), 0.5)), True)
+    found = gather_evidence(reduced_pair(light, np.full((5, 6, 3), 0.5), flash_only=True))
 
     assert not len(found.terminators)
 
