@@ -139,23 +139,12 @@ def estimate_lamps(
     if method == "paper":
         found = _published(reduced, model, count.number)
     else:
-        outwards = follow_outwards(reduced, evidence, model, known, moved(count.number))
-        begun = first(count.number)
-        if known.pinned:
-            begun = replace(begun, passed_over=_that_shine(begun.passed_over, model))
-        found = _fitted(reduced, evidence, model, begun, outwards, weights)
+        begun, usual = first(count.number), moved(count.number)
+        found = _fitted(reduced, evidence, model, known, begun, usual, weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
-        nothing = nothing_known(model.flash_white)
-        free = fit_matrices(reduced, evidence, model, count.number, nothing)
-        against = contradictions(reduced, evidence, known, fit(count.number), free)
-    if not against and 1 < len(known.pinned) == count.number and evidence.has_edges:
-        fewer = [
-            fit_matrices(reduced, evidence, model, count.number - 1, known.without(pin))
-            for pin in known.pinned
-        ]
-        against = needless_pins(fit(count.number), fewer)
+        against = _against_known(reduced, evidence, model, known, fit(count.number))
     left = left_over(reduced, matrices)
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))
@@ -204,9 +193,20 @@ def _published(reduced: ReducedPair, model: Model, number: int) -> _Found:
 
 
 def _fitted(
-    reduced: ReducedPair, evidence: Evidence, model: Model, first: Fit, fit: Fit, weights: Floats64
+    reduced: ReducedPair,
+    evidence: Evidence,
+    model: Model,
+    known: Known,
+    first: Fit,
+    usual: Fit,
+    weights: Floats64,
 ) -> _Found:
-    """The lamps of a fit. first: the one that its search began from. weights: of the channels."""
+    """The lamps of a fit, followed to where fewer pixels are pure.
+
+    first: what the search began from (first_fit). usual: what fit_pools made of it. weights: of the
+    channels. Raises OptionError where every fit has a forbidden lamp.
+    """
+    fit = follow_outwards(reduced, evidence, model, known, usual)
     if fit.cost == np.inf:
         explain = counted(len(fit.matrices), "lamp explains", "lamps explain")
         raise OptionError(
@@ -214,6 +214,8 @@ def _fitted(
             f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
             "another number of lamps."
         )
+    if known.pinned:
+        first = replace(first, passed_over=_that_shine(first.passed_over, model))
     coefficients, matrices = _normalised(fit.matrices, model)
     warm_first = matrices[_warm_first(coefficients)]
     return _Found(
@@ -223,6 +225,22 @@ def _fitted(
         # a rendering's curve leads searches apart
         0.0 if reduced.rendered else _rival_deg(first, coefficients, model),
     )
+
+
+def _against_known(
+    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, found: Fit
+) -> list[RunWarning]:
+    """Where the photograph speaks against what is known. found: the fit with it."""
+    lamps = len(found.matrices)
+    free = fit_matrices(reduced, evidence, model, lamps, nothing_known(model.flash_white))
+    against = contradictions(reduced, evidence, known, found, free)
+    if against or not 1 < len(known.pinned) == lamps or not evidence.has_edges:
+        return against
+    fewer = [
+        fit_matrices(reduced, evidence, model, lamps - 1, known.without(pin))
+        for pin in known.pinned
+    ]
+    return needless_pins(found, fewer)
 
 
 def _invariants(reduced: ReducedPair, model: Model) -> Floats64:
