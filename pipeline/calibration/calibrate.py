@@ -15,7 +15,7 @@ from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
 from pipeline.calibration.flash_doubts import flash_doubts
-from pipeline.calibration.lamps import estimate_lamps
+from pipeline.calibration.lamps import LampsEstimate, matt_lamps
 from pipeline.calibration.mirror import mirror_lamps
 from pipeline.calibration.named import named_warnings
 from pipeline.calibration.options import (
@@ -270,8 +270,48 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
 def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
     focal_px, warnings = focal_length_px(frame, options.focal_px)
     sphere = options.sphere or find_sphere(pair, options.mirror, focal_px)
-    estimate = mirror_lamps if options.mirror else estimate_lamps
+    estimate = mirror_lamps if options.mirror else matt_lamps
     lamps = estimate(pair, sphere, options.lights, focal_px)
+    lights = _lights(lamps)
+    _check_directions(lights)
+    said: dict[str, Any] = {
+        "lights": [
+            {**light, "deviation_deg": round(float(deviation), 3)}
+            for light, deviation in zip(lights, lamps.deviations_deg, strict=True)
+        ],
+        "sphere": {k: round(v, 2) for k, v in lamps.circle.model_dump().items()},
+    }
+    if lamps.flash_aside_deg is not None:
+        said["flash_aside_deg"] = round(lamps.flash_aside_deg, 2)
+    if lamps.misfit is not None:
+        said["misfit"] = round(lamps.misfit, 4)
+    # each says it, so that lamps of several files may be put together
+    saved = [{**light, "taken_with": TakenWith.of(frame).model_dump()} for light in lights]
+    file = (json.dumps({"lights": saved}, indent=1) + "\n").encode()
+    warnings += _lamp_warnings(lamps, options.setup)
+    return _Found(file, said, draw_marks(pair, None, lamps.circle), warnings)
+
+
+def _lights(lamps: LampsEstimate) -> list[dict[str, Any]]:
+    """Entries of DirectedLight; strengths and colours only where the sphere shows them."""
+    lights: list[dict[str, Any]] = [
+        {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
+    ]
+    if np.isnan(lamps.colours).any():
+        return lights
+    # a strength is of green, which normals take as no less of a lamp that has none
+    colours = floored(lamps.colours)
+    strongest = float(colours[:, 1].max())
+    for light, colour in zip(lights, colours, strict=True):
+        if len(lights) > 1:  # one alone is not as strong as one of another file
+            light["strength"] = float(f"{colour[1] / strongest:.5g}")
+        light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
+    return lights
+
+
+def _lamp_warnings(lamps: LampsEstimate, setup: str | None) -> list[RunWarning]:
+    """What keeps lamps found on a sphere from good normals. setup: for which they are kept."""
+    warnings = []
     aside_deg = lamps.flash_aside_deg
     if aside_deg is not None and aside_deg > _FAR_ASIDE_DEG:
         message = (
@@ -287,14 +327,10 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
             "told, and keep other light off the sphere."
         )
         warnings.append(RunWarning(Code.UNEXPLAINED, message, {"misfit": lamps.misfit or 0.0}))
-    lights: list[dict[str, Any]] = [
-        {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
-    ]
-    _check_directions(lights)
-    if len(lights) == 1 and options.setup is not None:
+    if len(lamps.directions) == 1 and setup is not None:
         message = (
             "One lamp alone fixes no normals, so that what is kept for the set-up "
-            f"{options.setup!r} will be left out: calibrate with all lamps, or put those of "
+            f"{setup!r} will be left out: calibrate with all lamps, or put those of "
             "several calibrations together into one file of --light-directions."
         )
         warnings.append(RunWarning(Code.KEPT_UNUSABLE, message))
@@ -304,29 +340,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
             "expose shorter for their strengths and colours, and for dimmer lamps beside them."
         )
         warnings.append(RunWarning(Code.HIGHLIGHT_CLIPPED, message))
-    else:
-        # a strength is of green, which normals take as no less of a lamp that has none
-        colours = floored(lamps.colours)
-        strongest = float(colours[:, 1].max())
-        for light, colour in zip(lights, colours, strict=True):
-            if len(lights) > 1:  # one alone is not as strong as one of another file
-                light["strength"] = float(f"{colour[1] / strongest:.5g}")
-            light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
-    said: dict[str, Any] = {
-        "lights": [
-            {**light, "deviation_deg": round(float(deviation), 3)}
-            for light, deviation in zip(lights, lamps.deviations_deg, strict=True)
-        ],
-        "sphere": {k: round(v, 2) for k, v in lamps.circle.model_dump().items()},
-    }
-    if aside_deg is not None:
-        said["flash_aside_deg"] = round(aside_deg, 2)
-    if lamps.misfit is not None:
-        said["misfit"] = round(lamps.misfit, 4)
-    # each says it, so that lamps of several files may be put together
-    saved = [{**light, "taken_with": TakenWith.of(frame).model_dump()} for light in lights]
-    file = (json.dumps({"lights": saved}, indent=1) + "\n").encode()
-    return _Found(file, said, draw_marks(pair, None, lamps.circle), warnings)
+    return warnings
 
 
 def _check_directions(lights: list[dict[str, Any]]) -> None:

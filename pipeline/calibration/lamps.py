@@ -64,7 +64,7 @@ class LampsEstimate:
     one_more: bool = False
 
 
-def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
+def matt_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
     """Find the lamps that light a matt grey sphere.
 
     sphere: its outline, which is trusted to two hundredths of its radius. focal_px: focal length

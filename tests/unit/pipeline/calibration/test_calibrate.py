@@ -247,7 +247,7 @@ def test_one_lamp_that_is_kept_is_warned_of(
         "colours": np.ones((count, 3)),
         "deviations_deg": np.ones(count),
     }
-    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(**few))
+    monkeypatch.setattr(module, "matt_lamps", lambda *_: _lamps(**few))
     monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), model="D5100"))
     warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE, setup=setup)["warnings"]
     said = [one["message"] for one in warnings if one["code"] == "kept_unusable"]
@@ -292,7 +292,7 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
         asked[:] = given[1:]
         return _lamps()
 
-    monkeypatch.setattr(module, "estimate_lamps", estimate)
+    monkeypatch.setattr(module, "matt_lamps", estimate)
     marked = {"kind": "lamps", "sphere": CIRCLE, "lights": 2, "focal_px": FOCAL_PX}
     found = run(ball, tmp_path / "new" / "folder", **marked)["found"]
 
@@ -311,7 +311,7 @@ def test_lamps_that_fix_no_normals_are_refused(
     """Kept, they would make all later separations fail."""
     flat = unit(np.array([(-0.7, 0, 0.7), (0, 0, 1.0), (0.7, 0, 0.7)]))
     found = _lamps(directions=flat, colours=np.ones((3, 3)), deviations_deg=np.ones(3))
-    for name in ("estimate_lamps", "mirror_lamps"):
+    for name in ("matt_lamps", "mirror_lamps"):
         monkeypatch.setattr(module, name, lambda *_: found)
 
     marked = {"kind": "lamps", "mirror": mirror, "sphere": CIRCLE, "focal_px": FOCAL_PX}
@@ -340,7 +340,7 @@ def test_a_flash_may_be_five_degrees_beside(
     aside_deg: float,
     warned: bool,
 ) -> None:
-    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(flash_aside_deg=aside_deg))
+    monkeypatch.setattr(module, "matt_lamps", lambda *_: _lamps(flash_aside_deg=aside_deg))
     warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
     figures = [said["figures"] for said in warnings if said["code"] == "flash_aside"]
     assert figures == ([{"angle_deg": aside_deg}] if warned else [])
@@ -350,7 +350,7 @@ def test_a_flash_may_be_five_degrees_beside(
 def test_one_lamp_more_than_were_told_is_warned_of(
     ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_more: bool
 ) -> None:
-    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(one_more=one_more))
+    monkeypatch.setattr(module, "matt_lamps", lambda *_: _lamps(one_more=one_more))
     warnings = run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
     figures = [said["figures"] for said in warnings if said["code"] == "unexplained"]
     assert figures == ([{"misfit": 0.0123}] if one_more else [])
@@ -369,7 +369,7 @@ def test_what_is_found_says_what_it_was_found_with(
 ) -> None:
     said: Any = {"make": "NIKON", "model": "D5100", "serial": "6001234", "orientation": 3}
     monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), **said))
-    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps())
+    monkeypatch.setattr(module, "matt_lamps", lambda *_: _lamps())
     marks = {"lamps": {"sphere": CIRCLE}}.get(kind, {"chart": CORNERS})
     manifest = run(ball if kind == "lamps" else chart, tmp_path, kind=kind, **marks)
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.calibration import lamps as module
-from pipeline.calibration.lamps import LampsEstimate, estimate_lamps
+from pipeline.calibration.lamps import LampsEstimate, matt_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise
@@ -42,7 +42,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int) -> None:
     pair = pair_of(photograph_sphere(THREE[:count], COLOURS[:count]))
-    found = estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
+    found = matt_lamps(pair, MARKED, "auto", FOCAL_PX)
     assert len(found.directions) == count
     errors, order = _errors(found, THREE[:count])
     assert errors == pytest.approx(0, abs=0.1)
@@ -57,9 +57,9 @@ def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int)
 @pytest.mark.usefixtures("coarse")
 def test_an_outline_marked_aside_is_mended(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS))
-    true = estimate_lamps(pair, MARKED, 3, FOCAL_PX).circle
+    true = matt_lamps(pair, MARKED, 3, FOCAL_PX).circle
     aside = Circle(x=MARKED.x + 1.5, y=MARKED.y - 1, radius=MARKED.radius - 1.2)
-    found = estimate_lamps(pair, aside, 3, FOCAL_PX)
+    found = matt_lamps(pair, aside, 3, FOCAL_PX)
     assert _errors(found, THREE)[0] == pytest.approx(0, abs=0.2)
     for name in ("x", "y", "radius"):
         assert getattr(found.circle, name) == pytest.approx(getattr(true, name), abs=0.05)
@@ -68,14 +68,14 @@ def test_an_outline_marked_aside_is_mended(pair_of: Callable[..., Pair]) -> None
 @pytest.mark.usefixtures("coarse")
 def test_a_flash_beside_the_lens_is_seen_and_allowed_for(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS, flash_at=(0.1, 0.0)))
-    found = estimate_lamps(pair, MARKED, 3, FOCAL_PX)
+    found = matt_lamps(pair, MARKED, 3, FOCAL_PX)
     assert found.flash_aside_deg == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.1)
     assert _errors(found, THREE)[0] == pytest.approx(0, abs=0.1)
 
 
 def test_noise_and_uneven_paint_cost_little(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS, noise=1.0, paint=0.05))
-    found = estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
+    found = matt_lamps(pair, MARKED, "auto", FOCAL_PX)
     errors, order = _errors(found, THREE)
     assert errors.max() < 0.6
     deviations = found.deviations_deg[list(order)]
@@ -91,7 +91,7 @@ def test_paint_of_two_greys_is_told_from_shading(pair_of: Callable[..., Pair]) -
         no_flash=(shot.frames[0] * stripes).astype(np.float32),
         flash=(shot.frames[1] * stripes).astype(np.float32),
     )
-    found = estimate_lamps(painted, MARKED, 2, FOCAL_PX)
+    found = matt_lamps(painted, MARKED, 2, FOCAL_PX)
     assert _errors(found, THREE[:2])[0].max() < 0.3
 
 
@@ -100,7 +100,7 @@ def test_lamps_too_alike_are_refused(pair_of: Callable[..., Pair]) -> None:
     close = unit(np.array([(0.30, 0.2, 1.0), (0.33, 0.22, 1.0)]))
     pair = pair_of(photograph_sphere(close, COLOURS[:1].repeat(2, axis=0), noise=1.0))
     with pytest.raises(UnusablePairError, match="lamps cannot be told apart"):
-        estimate_lamps(pair, MARKED, 2, FOCAL_PX)
+        matt_lamps(pair, MARKED, 2, FOCAL_PX)
 
 
 @pytest.mark.usefixtures("coarse")
@@ -111,7 +111,7 @@ def test_light_that_no_distant_lamps_give_is_refused(pair_of: Callable[..., Pair
     frames = shot.frames[0] * blotches, shot.frames[0] * blotches + shot.frames[1]
     pair = pair_of(shot, no_flash=frames[0].astype(np.float32), flash=frames[1].astype(np.float32))
     with pytest.raises(UnusablePairError, match="Distant lamps do not explain"):
-        estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
+        matt_lamps(pair, MARKED, "auto", FOCAL_PX)
 
 
 @pytest.mark.usefixtures("coarse")
@@ -128,7 +128,7 @@ def test_circles_without_a_sphere_are_refused(
 ) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS))
     with pytest.raises(error, match=words):
-        estimate_lamps(pair, circle, 3, FOCAL_PX)
+        matt_lamps(pair, circle, 3, FOCAL_PX)
 
 
 def test_a_clipped_sphere_is_refused(pair_of: Callable[..., Pair]) -> None:
@@ -136,7 +136,7 @@ def test_a_clipped_sphere_is_refused(pair_of: Callable[..., Pair]) -> None:
     clipped[:100] = True
     pair = pair_of(photograph_sphere(THREE, COLOURS), unusable=clipped)
     with pytest.raises(UnusablePairError, match="sphere is clipped"):
-        estimate_lamps(pair, MARKED, 3, FOCAL_PX)
+        matt_lamps(pair, MARKED, 3, FOCAL_PX)
 
 
 @pytest.mark.usefixtures("coarse")
@@ -146,7 +146,7 @@ def test_pixels_clipped_all_over_the_sphere_are_refused(pair_of: Callable[..., P
     clipped[1::3, 1::3] = True
     pair = pair_of(photograph_sphere(THREE, COLOURS), unusable=clipped)
     with pytest.raises(UnusablePairError, match="sphere is clipped"):
-        estimate_lamps(pair, MARKED, 3, FOCAL_PX)
+        matt_lamps(pair, MARKED, 3, FOCAL_PX)
 
 
 def _fit(count: int, **more: Any) -> SphereFit:
@@ -198,8 +198,8 @@ def test_lamps_are_counted_while_each_explains_more(
     count: int,
 ) -> None:
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, cost=costs[n - 1]))
-    assert len(estimate_lamps(dim(), MARKED, "auto", FOCAL_PX).directions) == count
-    assert len(estimate_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
+    assert len(matt_lamps(dim(), MARKED, "auto", FOCAL_PX).directions) == count
+    assert len(matt_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
 
 
 FOUR = unit(np.array([(-0.9, 0.3, 0.3), (0.9, 0.3, 0.3), (0.1, 0.9, 0.4), (0.0, -0.8, 0.6)]))
@@ -210,8 +210,8 @@ FOUR_COLOURS = 0.7 * np.array([(0.3, 0.2, 0.1), (0.1, 0.2, 0.3), (0.2, 0.25, 0.1
 def test_four_lamps_are_not_told_as_three(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(FOUR, FOUR_COLOURS))
     with pytest.raises(UnusablePairError, match="Four lamps or more light the sphere"):
-        estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
-    assert estimate_lamps(pair, MARKED, 3, FOCAL_PX).one_more
+        matt_lamps(pair, MARKED, "auto", FOCAL_PX)
+    assert matt_lamps(pair, MARKED, 3, FOCAL_PX).one_more
 
 
 @pytest.mark.usefixtures("coarse")
@@ -219,8 +219,8 @@ def test_one_lamp_more_than_were_told_is_noticed(pair_of: Callable[..., Pair]) -
     """A weak one, without which the light is explained well enough to be believed."""
     colours = FOUR_COLOURS[1:3] * [[1.0], [0.05]]
     pair = pair_of(photograph_sphere(FOUR[1:3], colours, noise=1.0, paint=0.02))
-    assert estimate_lamps(pair, MARKED, 1, FOCAL_PX).one_more
-    assert not estimate_lamps(pair, MARKED, 2, FOCAL_PX).one_more
+    assert matt_lamps(pair, MARKED, 1, FOCAL_PX).one_more
+    assert not matt_lamps(pair, MARKED, 2, FOCAL_PX).one_more
 
 
 @pytest.mark.parametrize(("cost", "one_more"), [(0.489, True), (0.491, False), (np.nan, False)])
@@ -235,7 +235,7 @@ def test_one_lamp_more_counts_where_it_explains_much(
     """Where fewer than three are counted, one more has been tried."""
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, cost=0.5))
     monkeypatch.setattr(module, "fit_one_more", lambda _, fit: _fit(len(fit.directions), cost=cost))
-    found = estimate_lamps(dim(), MARKED, told, FOCAL_PX)
+    found = matt_lamps(dim(), MARKED, told, FOCAL_PX)
     assert found.one_more == (one_more and told != "auto")
 
 
@@ -244,7 +244,7 @@ def test_the_strongest_lamp_comes_first_with_all_that_is_its_own(
 ) -> None:
     colours = np.array([[0.2, 0.5, 0.1], [0.9, 1.0, -0.1], [0.3, 0.7, 0.2]])
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, colours=colours))
-    found = estimate_lamps(dim(), MARKED, 3, FOCAL_PX)
+    found = matt_lamps(dim(), MARKED, 3, FOCAL_PX)
     assert found.directions == pytest.approx(THREE[[1, 2, 0]])
     assert found.deviations_deg == pytest.approx([1.5, 2.5, 0.5])
     assert found.colours == pytest.approx(np.maximum(colours[[1, 2, 0]], 0))
@@ -295,10 +295,10 @@ def test_fits_are_believed_up_to_a_limit(
     words: str,
 ) -> None:
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, **fine))
-    assert len(estimate_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
+    assert len(matt_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
     monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, **too_much))
     with pytest.raises(UnusablePairError, match=words):
-        estimate_lamps(dim(), MARKED, 2, FOCAL_PX)
+        matt_lamps(dim(), MARKED, 2, FOCAL_PX)
 
 
 @pytest.mark.parametrize(("radius", "side"), [(12.0, 1), (62.0, 1), (100.0, 2)])
@@ -316,7 +316,7 @@ def test_the_inner_part_is_seen_in_blocks_where_it_is_large(
 
     monkeypatch.setattr(module, "fit_lamps", fit)
     sphere = Circle(x=180, y=110, radius=radius)
-    estimate_lamps(dim(unusable=unusable), sphere, 1, FOCAL_PX)
+    matt_lamps(dim(unusable=unusable), sphere, 1, FOCAL_PX)
     (light,) = seen
     places = np.stack([light.x, light.y], axis=1)
     assert light.lights.lamps[:, :2] == pytest.approx(places)
@@ -340,11 +340,11 @@ def test_a_fifth_of_the_sphere_may_be_clipped(
     clipped = np.arctan2(y - MARKED.y, x - MARKED.x) < np.pi * (2 * share - 1)
     if refused:
         with pytest.raises(UnusablePairError, match="sphere is clipped"):
-            estimate_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
+            matt_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
     else:
-        estimate_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
+        matt_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
 
 
 def test_a_sphere_of_less_than_twelve_pixels_is_refused(dim: Callable[..., Pair]) -> None:
     with pytest.raises(OptionError, match=r"radius of only 11\.9 pixels: it must have 12"):
-        estimate_lamps(dim(), Circle(x=180, y=110, radius=11.9), 1, FOCAL_PX)
+        matt_lamps(dim(), Circle(x=180, y=110, radius=11.9), 1, FOCAL_PX)
