@@ -13,7 +13,7 @@ from rich.text import Text
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.errors import InputError, reason_of
 from pipeline.options import Options
-from pipeline.pair.pairs import Pairs, find_pairs, read_shot
+from pipeline.pair.find_pairs import Pairs, find_pairs, read_shot
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.cli import signals

@@ -7,8 +7,8 @@ import pytest
 from pipeline.decode import Header
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.signatures import Kind
-from pipeline.pair import pairs
-from pipeline.pair.pairs import Shot, find_pairs, read_shot
+from pipeline.pair import find_pairs as module
+from pipeline.pair.find_pairs import Shot, find_pairs, read_shot
 from tests.raw_files import cr3
 
 ALONE = "no photograph with the other state of the flash belongs to it"
@@ -37,7 +37,7 @@ def test_a_pair_is_one_with_and_one_without_whichever_came_first() -> None:
 
 def test_raw_files_of_canon_are_paired(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        pairs, "read_header", lambda _data: Header("RAW", (60, 40))
+        module, "read_header", lambda _data: Header("RAW", (60, 40))
     )  # they have no pixels
     shots = {
         name: read_shot(cr3({0x9209: flash, 0x9003: f"2024:02:29 23:59:{second}"}, {271: "Canon"}))
