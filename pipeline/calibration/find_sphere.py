@@ -30,8 +30,6 @@ _BRIGHT = 0.5  # of the brightest: what belongs to the highlight
 _SMALL = 0.05  # how much of a sphere the highlight of a flash may fill: more is no mirror's
 _APART = 0.3  # of the radius: middles nearer than that are of one sphere
 
-Judge = Callable[[Floats32, Circle], float | None]
-
 
 def find_spheres(no_flash: Floats, flash: Floats, mirror: bool, focal_px: float) -> list[Circle]:
     """Find the outlines of spheres that the flash lights from the camera, the likeliest first.
@@ -51,7 +49,7 @@ def find_spheres(no_flash: Floats, flash: Floats, mirror: bool, focal_px: float)
         )
         for light in (no_flash, flash)
     ]
-    judge: Judge = _mirror if mirror else _matt
+    judge: Callable[[Floats32, Circle], float | None] = _mirror if mirror else _matt
     judged = []
     for circle in _circles(small):
         error = judge(small[1], circle)

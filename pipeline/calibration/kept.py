@@ -15,7 +15,7 @@ from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.taken_with import Kind, TakenWith
 
-OPTION_OF: dict[Kind, str] = {
+_OPTION_OF: dict[Kind, str] = {
     "camera": "camera",
     "flash": "flash_spectrum",
     "lamps": "light_directions",
@@ -96,7 +96,7 @@ def with_kept(
     used, warnings, unfit = [], [], []
     here = TakenWith.of(frame)
     for one in sorted(kept, key=lambda one: one.made, reverse=True):
-        option = OPTION_OF[one.kind]
+        option = _OPTION_OF[one.kind]
         if (
             _is_given(options, option)
             or option in values
@@ -117,7 +117,7 @@ def with_kept(
                 continue
         values[option] = value
         used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
-    if OPTION_OF["lamps"] not in values and _is_named(options.setup):
+    if _OPTION_OF["lamps"] not in values and _is_named(options.setup):
         warnings += unfit[:1]  # of the newest
     if not values:
         return options, [], warnings
@@ -212,7 +212,7 @@ def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list
             one.kind: one
             for one in sorted(of_setup, key=lambda one: one.made)
             if one.kind not in fitting
-            and not _is_given(options, OPTION_OF[one.kind])
+            and not _is_given(options, _OPTION_OF[one.kind])
             and one.taken_with.is_of(here)
         }
         return [_does_not_fit(one, here) for one in newest.values()]

@@ -36,7 +36,7 @@ from pipeline.images.frames import CameraFacts, Frame, Mask, Matrix, Photograph
 from pipeline.images.max_pixels import max_pixels
 from pipeline.images.noise import Noise
 
-FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
+_FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
 
 def read_header(data: bytes, name: str = "no-flash photograph") -> Header:
@@ -256,7 +256,7 @@ def _unopened(data: bytes, kind: Kind) -> str:
     """Say what a file may be whose header its decoder does not understand."""
     signature = kind_of(data)
     if signature is None:
-        return f"is of a kind that is not read: send {FORMATS}."
+        return f"is of a kind that is not read: send {_FORMATS}."
     if signature == "TIFF" and kind == "RAW":
         return (
             "is a damaged RAW file, or one or a TIFF of a kind that is not read: send the RAW file "

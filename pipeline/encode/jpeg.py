@@ -16,7 +16,7 @@ from pipeline.errors import OptionError
 from pipeline.images.by_matrix import by_matrix
 from pipeline.images.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
-QUALITY = 92
+_QUALITY = 92
 
 _IDENTITY: Matrix = np.eye(3)
 _LUMINANCE = numbers_of(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32))
@@ -84,7 +84,7 @@ class JpegFile:
     def _encode(self) -> None:
         """Append the rows that wait; every part but the last has the same number of them."""
         rows = self._codes[: self._waiting]
-        jpeg = bytes(imagecodecs.jpeg8_encode(rows, QUALITY, colorspace="RGB", subsampling="444"))
+        jpeg = bytes(imagecodecs.jpeg8_encode(rows, _QUALITY, colorspace="RGB", subsampling="444"))
         scan = jpeg.index(_SCAN)
         start = scan + 2 + int.from_bytes(jpeg[scan + 2 : scan + 4], "big")
         if self._parts == 0:

@@ -44,7 +44,7 @@ def _shares(light: Floats32, predictions: Floats32, found: Floats32) -> None:
         p = predictions[0, i]
         first = p[0], p[1], p[2]
         if len(predictions) == 1:
-            found[0, i] = share_of_one(seen, first)
+            found[0, i] = _share_of_one(seen, first)
             continue
         p = predictions[1, i]
         second = p[0], p[1], p[2]
@@ -95,8 +95,8 @@ def _together(
 
 
 @exact
-def share_of_one(seen: Colour, first: Colour) -> float:
-    """Share of one pixel, as shares defines it; for other compiled loops."""
+def _share_of_one(seen: Colour, first: Colour) -> float:
+    """Share of one pixel, as shares defines it."""
     seen, first = doubles(seen), doubles(first)
     return _alone(dot(first, seen), dot(first, first))
 

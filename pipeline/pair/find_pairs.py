@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pipeline.decode import Header, read_alike, read_header
 from pipeline.decode.metadata import Metadata, read_metadata
 
-LONGEST_GAP_S = 120.0
+_LONGEST_GAP_S = 120.0
 """Between the two photographs of a pair; a person may have to switch the flash by hand."""
 
 _BURST_S = 10.0
@@ -48,7 +48,7 @@ def read_shot(data: bytes) -> Shot:
 def find_pairs(shots: Mapping[str, Shot]) -> Pairs:
     """Pair photographs of one camera, kind and size, one with the flash and one without.
 
-    The nearest in time belong together, at most LONGEST_GAP_S apart; each is in one pair. What is
+    The nearest in time belong together, at most two minutes apart; each is in one pair. What is
     left over of two bursts is none: between its photographs the camera took a pair.
     """
     usable = {name: shot for name, shot in shots.items() if shot.lack is None}
@@ -68,7 +68,7 @@ def _candidates(shots: Mapping[str, Shot]) -> Iterable[tuple[float, str, str]]:
     for number, (first, one) in enumerate(in_time):
         for second, other in in_time[number + 1 :]:
             gap = _time(other) - _time(one)
-            if gap > LONGEST_GAP_S:
+            if gap > _LONGEST_GAP_S:
                 break
             if _alike(one, other) and _fired(one) != _fired(other):
                 yield (gap, second, first) if _fired(one) else (gap, first, second)
