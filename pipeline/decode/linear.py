@@ -53,8 +53,8 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     if values.dtype == np.uint16 and not srgb and convert is None:
         return LevelImage(releasable(values), 0.0, 1.0 / samples.white)
     out = empty_image(*values.shape)
-    for top in range(0, out.shape[0], STRIP_ROWS):
-        strip = values[top : top + STRIP_ROWS]
+    for rows in strips(len(out), STRIP_ROWS):
+        strip = values[rows]
         if kind == "f":
             if not np.abs(strip).max() <= _BRIGHTEST:  # nor is NaN
                 raise UnsuitableError(
@@ -67,11 +67,11 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
                     "save it anew in linear values."
                 )
         if convert is not None:
-            out[top : top + STRIP_ROWS] = convert(_full_range(strip, samples.white))
+            out[rows] = convert(_full_range(strip, samples.white))
         elif table is not None:
-            cv2.LUT(strip, table, dst=out[top : top + STRIP_ROWS])
+            cv2.LUT(strip, table, dst=out[rows])
         else:
-            out[top : top + STRIP_ROWS] = _curve(strip, srgb)
+            out[rows] = _curve(strip, srgb)
     return out
 
 
