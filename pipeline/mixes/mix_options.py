@@ -10,7 +10,7 @@ from pipeline.colour.temperature import CCT_RANGE_K
 from pipeline.errors import InputError, OptionError, counted
 from pipeline.options import Strict, Vector
 
-Rows = tuple[Vector, Vector, Vector]
+Matrix3x3 = tuple[Vector, Vector, Vector]
 
 
 class LampMix(Strict):
@@ -78,7 +78,7 @@ class LampBasis(Strict):
 
     white: Vector
     own_white: Vector | None = None
-    neutral_to_xyz: Rows
+    neutral_to_xyz: Matrix3x3
 
 
 class MixBasis(Strict):
@@ -88,7 +88,7 @@ class MixBasis(Strict):
     neutral: CIE XYZ of the neutral light, Y = 1.
     """
 
-    to_xyz: Rows
+    to_xyz: Matrix3x3
     neutral: Vector
     lamps: list[LampBasis]
 

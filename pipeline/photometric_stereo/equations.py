@@ -18,8 +18,6 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from pipeline.arrays import Floats64
 
-Places = NDArray[np.intp]
-
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
 _TOLERANCE = 1e-10  # of the slope; at 1e-6 surfaces one before another end elsewhere
 
@@ -50,7 +48,7 @@ class Rows:
 class Pattern:
     """Where the entries of a sparse normal matrix are, which rows of several kinds add up to."""
 
-    def __init__(self, size: int, *groups: Places) -> None:
+    def __init__(self, size: int, *groups: NDArray[np.intp]) -> None:
         """size: number of unknowns. groups: (n, k) of each kind, which unknowns its rows are of."""
         self._size, self._groups = size, [group.ravel() for group in groups]
         rows = [np.broadcast_to(g[:, :, None], (*g.shape, g.shape[1])).ravel() for g in groups]

@@ -9,16 +9,14 @@ meet, a seam of one pixel stays: a jump of depth, or a border of shadows that ei
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.fit import continued, unexplained
 from pipeline.photometric_stereo.objective import albedo_off
 from pipeline.photometric_stereo.scene import Scene, State, moved_to
+from pipeline.photometric_stereo.sides import Parts
 from pipeline.progress import Tick
-
-Parts = NDArray[np.intp]
 
 # Chosen on development objects (docs/trials/normals.md)
 _LEAST_SEED = 0.05  # of the surface

@@ -8,16 +8,14 @@ from scipy import sparse
 
 from pipeline.arrays import Floats64
 
-Places = NDArray[np.intp]
-
 
 class Sums:
     """Sums over n pixels at c corners and over m materials."""
 
     def __init__(
         self,
-        corners: Places,
-        which: Places,
+        corners: NDArray[np.intp],
+        which: NDArray[np.intp],
         share: Floats64,
         corner_count: int,
         material_count: int,
@@ -55,7 +53,7 @@ class Sums:
         return np.asarray(summed.reshape(self._counts[1], self._counts[1], *values.shape[1:]))
 
 
-def _summing(places: Places, weights: Floats64, count: int) -> sparse.csr_array:
+def _summing(places: NDArray[np.intp], weights: Floats64, count: int) -> sparse.csr_array:
     """Matrix (count, n) that sums n values into k places each, places and weights (n, k)."""
     n, k = places.shape
     starts = np.arange(0, n * k + 1, k)
