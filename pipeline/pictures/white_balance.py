@@ -7,6 +7,8 @@ light held to von Kries's where saturated colours do not tell it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.compiling import compiled, inlined
@@ -36,6 +38,26 @@ _FAINT = 0.1  # of the flash part, below which a channel no longer tells von Kri
 _LEAST = 1e-30  # of what is divided by, so that single precision holds the result
 
 
+class _Neutral(NamedTuple):
+    """What lamps, model and neutral light are to the compiled loops, numbers row by row.
+
+    to_neutral: T_n. matrices, brightness, from_layers: of each lamp, T_j, g_j / g_n, and the matrix
+    of from_layers. columns: (3, 3, 3), D_j: channel of the result, column, channel of the flash
+    part. card: a white card's colour (3,) under the flash. strength: ‖b_n‖. white: a white card's
+    colour (3,) under the neutral light, green 1. clipping: as of WhiteBalance.
+    """
+
+    to_neutral: Numbers
+    matrices: tuple[Numbers, ...]
+    brightness: Numbers
+    from_layers: tuple[Numbers, ...]
+    columns: Numbers
+    card: Numbers
+    strength: float
+    white: Numbers
+    clipping: float
+
+
 class WhiteBalance:
     """Approaches I and II: colour from the flash photograph, brightness from lamps or all light.
 
@@ -47,16 +69,18 @@ class WhiteBalance:
     """
 
     def __init__(self, lamps: Lamps, model: Model, clipping: float) -> None:
-        self._clipping = clipping
-        self._matrices = tuple(numbers_of(matrix) for matrix in lamps.matrices)
-        self._to_neutral = numbers_of(model.flash_to_neutral)
         greens = whites_of(lamps, model)[:, 1]
-        self._brightness = numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1])
-        self._tensor = numbers_of(model.tensor.transpose(0, 2, 1))
-        self._card = numbers_of(model.flash_white)
-        self._strength = float(np.linalg.norm(model.neutral))
-        self._from_layers = tuple(numbers_of(one) for one in from_layers(lamps, model))
-        self._white = numbers_of(neutral_white(model))
+        self._neutral = _Neutral(
+            to_neutral=numbers_of(model.flash_to_neutral),
+            matrices=tuple(numbers_of(matrix) for matrix in lamps.matrices),
+            brightness=numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1]),
+            from_layers=tuple(numbers_of(one) for one in from_layers(lamps, model)),
+            columns=numbers_of(model.tensor.transpose(0, 2, 1)),
+            card=numbers_of(model.flash_white),
+            strength=float(np.linalg.norm(model.neutral)),
+            white=numbers_of(neutral_white(model)),
+            clipping=clipping,
+        )
 
     def of(self, strip: Strip, first: bool, second: bool) -> tuple[Image | None, Image | None]:
         """Both approaches where wanted, (h, W, 3) linear camera RGB under the neutral light.
@@ -77,15 +101,7 @@ class WhiteBalance:
             planes_of(strip.flash),
             channels_first(strip.layers),
             strip.confidence,
-            self._matrices,
-            self._brightness,
-            self._tensor,
-            self._card,
-            self._strength,
-            self._to_neutral,
-            self._from_layers,
-            self._white,
-            self._clipping,
+            self._neutral,
             planes_of(balanced_1),
             planes_of(balanced_2),
         )
@@ -132,15 +148,7 @@ def _balance(
     flash: Planes,
     layers: Image,
     confidence: Plane,
-    matrices: tuple[Numbers, ...],
-    brightness: Numbers,
-    tensor: Numbers,
-    card: Numbers,
-    unit: float,
-    to_neutral: Numbers,
-    layers_to_neutral: tuple[Numbers, ...],
-    white: Numbers,
-    clipping: float,
+    neutral: _Neutral,
     first: Planes,
     second: Planes,
 ) -> None:
@@ -155,17 +163,17 @@ def _balance(
     clipped, strength = scratch[6], scratch[7]
     for y in range(rows):
         part, trust = (flash[0][y], flash[1][y], flash[2][y]), confidence[y]
-        _light(part, to_neutral, lit)
-        _fill(layers, y, trust, layers_to_neutral, clipping, filled, clipped)
+        _light(part, neutral.to_neutral, lit)
+        _fill(layers, y, trust, neutral.from_layers, neutral.clipping, filled, clipped)
         if len(first[0]) > 0:
-            _by_lamps(part, layers, y, matrices, brightness, strength)
+            _by_lamps(part, layers, y, neutral.matrices, neutral.brightness, strength)
             out = first[0][y], first[1][y], first[2][y]
-            _finish(lit, strength, trust, filled, clipped, white, out)
+            _finish(lit, strength, trust, filled, clipped, neutral.white, out)
         if len(second[0]) > 0:
             seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
-            _by_strength(seen, part, lit, tensor, card, unit, strength)
+            _by_strength(seen, part, lit, neutral, strength)
             out = second[0][y], second[1][y], second[2][y]
-            _finish(lit, strength, trust, filled, clipped, white, out)
+            _finish(lit, strength, trust, filled, clipped, neutral.white, out)
 
 
 @compiled
@@ -235,19 +243,16 @@ def _by_strength(
     no_flash: Planes,
     flash: Planes,
     lit: Planes,
-    d: Numbers,
-    card: Numbers,
-    unit: float,
+    neutral: _Neutral,
     strength: Plane,
 ) -> None:
-    """Write ‖β‖/unit of a row; β that comes nearest to Σ_j β_j c_j = I_nf, c_j = D_j I_f.
+    """Write ‖β‖/‖b_n‖ of a row; β that comes nearest to Σ_j β_j c_j = I_nf, c_j = D_j I_f.
 
     Saturated colours leave β next to free, so that each of its channels is held to what von Kries
     makes of it, as far as the flash part has that channel: least squares, by Cramer's rule.
     lit: T_n I_f, which the strength is not to make far brighter than the photograph.
-    d: (3, 3, 3) by rows: channel of the result, column, channel of the flash part.
-    card: a white card's colour (3,) under the flash.
     """
+    d, card = neutral.columns, neutral.card
     zero, one, least = np.float32(0.0), np.float32(1.0), np.float32(_LEAST)
     hold, faint = np.float32(_HOLD * _HOLD / 3.0), np.float32(_FAINT * _FAINT)
     w0, w1, w2 = np.float32(card[0]), np.float32(card[1]), np.float32(card[2])
@@ -277,7 +282,7 @@ def _by_strength(
         beta_1 = v * p0 + (aa * cc - ac * ac) * p1 + (ab * ac - aa * bc) * p2
         beta_2 = w * p0 + (ab * ac - aa * bc) * p1 + (aa * bb - ab * ab) * p2
         length = np.sqrt(beta_0 * beta_0 + beta_1 * beta_1 + beta_2 * beta_2) * inverse
-        length /= max(determinant, least) * np.float32(unit)
+        length /= max(determinant, least) * np.float32(neutral.strength)
         # noise of faint channels gives any length
         limit = np.float32(_BRIGHTEST) * max(max(n0, n1), max(n2, zero))
         limit /= max(max(lit_0[x], lit_1[x]), max(lit_2[x], least))
