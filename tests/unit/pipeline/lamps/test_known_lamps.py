@@ -30,13 +30,10 @@ def find(exact: Callable[..., Any], warm_to_cool: Floats64, model: Model) -> Fin
     def of_options(
         pinned: Any = (),
         forbidden: Any = (),
-        flash_only: bool = False,
         **changes: Any,
     ) -> Known:
         reduced = replace(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), **changes)
-        options = Options(
-            pinned_lamps=list(pinned), forbidden_lamps=list(forbidden), flash_only=flash_only
-        )
+        options = Options(pinned_lamps=list(pinned), forbidden_lamps=list(forbidden))
         return find_known(options, reduced, model)
 
     return of_options

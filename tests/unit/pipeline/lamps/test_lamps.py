@@ -219,7 +219,6 @@ def test_too_few_pixels_are_refused(
             model,
             requested,
             "best",
-            False,
         )
 
 
