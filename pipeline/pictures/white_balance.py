@@ -63,7 +63,8 @@ class WhiteBalance:
 
     T_n is the matrix that takes measured reflectances best from the flash to the neutral light.
     Where the flash part is of no use colours come from each lamp's layer; what is clipped in two
-    channels or three has no colour to keep, and becomes white.
+    channels or three has no colour to keep, and becomes white, and a channel that alone is clipped
+    is not the least of all, which would give bright things a pink rim.
 
     clipping: the value at which highlights are clipped, infinite where none is (Pair.white).
     """
@@ -164,7 +165,7 @@ def _balance(
     for y in range(rows):
         part, trust = (flash[0][y], flash[1][y], flash[2][y]), confidence[y]
         _light(part, neutral.to_neutral, lit)
-        _fill(layers, y, trust, neutral.from_layers, neutral.clipping, filled, clipped)
+        _fill(layers, y, trust, neutral, filled, clipped)
         if len(first[0]) > 0:
             _by_lamps(part, layers, y, neutral.matrices, neutral.brightness, strength)
             out = first[0][y], first[1][y], first[2][y]
@@ -190,16 +191,19 @@ def _fill(
     layers: Image,
     y: int,
     confidence: Plane,
-    matrices: tuple[Numbers, ...],
-    clipping: float,
+    neutral: _Neutral,
     filled: Planes,
     clipped: Plane,
 ) -> None:
     """Write what the layers' colours under the neutral light add to a row, and its highlights.
 
     filled: as far as the flash part is not trusted. clipped: 0…1, how far a pixel is to be white.
+    A clipped channel, which was brighter, is no less than the next one.
     """
-    zero, one, of_white = np.float32(0.0), np.float32(1.0), np.float32(1.0 / clipping)
+    zero, one, of_white = np.float32(0.0), np.float32(1.0), np.float32(1.0 / neutral.clipping)
+    white, matrices = neutral.white, neutral.from_layers
+    w0, w1, w2 = np.float32(white[0]), np.float32(white[1]), np.float32(white[2])
+    inverse_0, inverse_1, inverse_2 = one / w0, one / w1, one / w2
     filled_0, filled_1, filled_2 = filled
     for x in range(len(confidence)):
         r = g = b = p0 = p1 = p2 = zero
@@ -208,9 +212,11 @@ def _fill(
             q0, q1, q2 = fused_by_matrix(matrices[j], red, green, blue)
             r, g, b = r + red, g + green, b + blue
             p0, p1, p2 = p0 + q0, p1 + q1, p2 + q2
+        p0, p1, p2 = max(p0, zero) * inverse_0, max(p1, zero) * inverse_1, max(p2, zero) * inverse_2
         rest = one - confidence[x]
-        filled_0[x], filled_1[x] = rest * max(p0, zero), rest * max(p1, zero)
-        filled_2[x] = rest * max(p2, zero)
+        filled_0[x] = rest * w0 * (p0 + _clipped(r * of_white) * max(min(p1, p2) - p0, zero))
+        filled_1[x] = rest * w1 * (p1 + _clipped(g * of_white) * max(min(p0, p2) - p1, zero))
+        filled_2[x] = rest * w2 * (p2 + _clipped(b * of_white) * max(min(p0, p1) - p2, zero))
         clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)) * of_white)  # the second of three
 
 

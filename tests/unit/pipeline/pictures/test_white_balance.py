@@ -10,7 +10,12 @@ from pipeline.arrays import Floats64
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.images.frames import Image
 from pipeline.light.model import Model
-from pipeline.pictures.white_balance import WhiteBalance, whites_of
+from pipeline.pictures.white_balance import (
+    WhiteBalance,
+    from_layers,
+    neutral_white,
+    whites_of,
+)
 from pipeline.separation.separation import Strip
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
@@ -276,6 +281,38 @@ def test_clipped_highlights_become_white(
     gained = balanced(0.5)
     expected = (1 - whitened) * gained + whitened * (gained / white).max() * white
     np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+@pytest.mark.parametrize(("light", "clipped"), [(1.0, 1.0), (0.945, 0.5), (0.9, 0.0)])
+def test_a_channel_that_alone_is_clipped_is_not_the_least_of_all(
+    model: Model,
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Any],
+    camera: Camera,
+    approach: Callable[..., Image],
+    light: float,
+    clipped: float,
+) -> None:
+    """As it was brighter, it is as the next one is: bright white things have no coloured rims."""
+    s, greenish = camera.sensitivities, find_light("FL2")
+    lamps = lamps_of(
+        s @ greenish, matrices=best_matrix(s * find_light("xenon"), s * greenish)[None]
+    )
+    colour = lamps.matrices[0] @ model.flash_white * (1.0, 0.9, 1.0)
+    colour *= light / colour.max()
+    assert colour[1] == light
+    assert np.median(colour) < 0.9  # not clipped in two channels
+    photograph = np.tile(colour, (6, 7, 1))
+    pair = pair_of(photograph, np.zeros((6, 7, 3)))
+
+    found = approach(strip_of(pair, photograph[None], 0.0), lamps, model, "best")[3, 3]
+
+    neutral = from_layers(lamps, model)[0] @ colour / neutral_white(model)
+    expected = neutral.copy()
+    expected[1] += clipped * (neutral[[0, 2]].min() - neutral[1])
+    assert neutral.argmin() == 1
+    np.testing.assert_allclose(found / neutral_white(model), expected, rtol=1e-4)
 
 
 def test_where_nothing_is_clipped_highlights_keep_their_colour(
