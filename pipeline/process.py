@@ -100,7 +100,7 @@ def separate_files(
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    basis = mix_basis(pair.no_flash, lamps, model)
+    basis = mix_basis(pair.no_flash, pair.white, lamps, model)
     directory.mkdir(parents=True, exist_ok=True)
     written = _write_outputs(pair, estimate, options, wanted, directory, progress, strip_rows)
     manifest = make_manifest(
@@ -141,14 +141,15 @@ def _write_outputs(
     small = overview(pair, estimate, options.method, wanted)
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
-    with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
+    photograph, way = pair.no_flash, options.normals
+    with Outputs(photograph, pair.white, small, estimate, wanted, directory, way) as outputs:
         for pictures in ahead(render(pair, estimate, options, wanted, progress, strip_rows)):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
             done = pictures.rows.start - _LOOKED_BACK
             release_rows(pair.unusable, done)
-            for photograph in (pair.no_flash, pair.flash):
-                release_photograph(photograph, done)
+            for one in (photograph, pair.flash):
+                release_photograph(one, done)
         entries = lamp_entries(estimate.lamps, estimate.model, tally.separated)
         files = outputs.finish(entries, progress)
     return Written(entries, tally.filled, files)

@@ -18,6 +18,7 @@ from pipeline.images.frames import Image, Matrix, Photograph
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
 from pipeline.mixes.mix_options import LampBasis, LampMix, Mix, MixBasis, check_lamps
+from pipeline.pictures.clipped import shown_layers
 from pipeline.pictures.shown import shown_gain
 from pipeline.pictures.white_balance import from_layers, neutral_white, whites_of
 
@@ -28,8 +29,11 @@ _NOWHERE = 1e-12  # square of a distance between whites
 _DIGITS = 7  # that count: files of float values may go to any height
 
 
-def mix_basis(photograph: Photograph, lamps: Lamps, model: Model) -> MixBasis:
-    """Make what mixing the layers of a photograph (H, W, 3) starts from."""
+def mix_basis(photograph: Photograph, clipping: float, lamps: Lamps, model: Model) -> MixBasis:
+    """Make what mixing the layers of a photograph (H, W, 3) starts from.
+
+    clipping: the value at which it is clipped, infinite where it is not.
+    """
     gain = shown_gain(photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
     whites = whites_of(lamps, model) @ model.camera_to_xyz.T
     own_whites = (model.lamp_white(matrix) for matrix in lamps.matrices)
@@ -39,6 +43,7 @@ def mix_basis(photograph: Photograph, lamps: Lamps, model: Model) -> MixBasis:
         {
             "to_xyz": _rounded(gain * model.camera_to_xyz),
             "neutral": _rounded(neutral / neutral[1]),
+            "clipping": clipping if np.isfinite(clipping) else None,
             "lamps": [
                 {
                     "white": _rounded(white / white[1]),
@@ -60,6 +65,14 @@ def mix_matrices(basis: MixBasis, mix: Mix) -> Matrix:
     return np.stack(
         [_matrix(basis, lamp, one) for lamp, one in zip(basis.lamps, mix.lamps, strict=True)]
     )
+
+
+def to_be_mixed(layers: Floats32, basis: MixBasis) -> Floats32:
+    """Layers (N, h, W, 3) as they are shown: clipped light has the colour of its lamp."""
+    if basis.clipping is None:
+        return layers
+    whites = np.array([lamp.white for lamp in basis.lamps]) @ np.linalg.inv(basis.to_xyz).T
+    return shown_layers(layers, whites, basis.clipping)
 
 
 def mixed(layers: Floats32, matrices: Matrix) -> Image:

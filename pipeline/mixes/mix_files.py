@@ -24,7 +24,7 @@ from pipeline.images.data_window import size_of_window
 from pipeline.images.frames import Image, by_planes
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.manifest_parts import versions, write_manifest
-from pipeline.mixes.mix import mix_matrices, mixed
+from pipeline.mixes.mix import mix_matrices, mixed, to_be_mixed
 from pipeline.mixes.mix_options import Mix, MixRequest, read_basis
 from pipeline.progress import Progress
 from pipeline.result_names import LAYERS, MANIFEST, layer_channels
@@ -56,7 +56,8 @@ def _write_mix(
 ) -> None:
     """Do what mix_files does; replaced: the manifest of a mix before, which is lost with it."""
     manifest = read_manifest(folder)
-    matrices = mix_matrices(read_basis(manifest), mix)
+    basis = read_basis(manifest)
+    matrices = mix_matrices(basis, mix)
     format_of(target)
     for lost in (target, replaced):
         if lost is not None:
@@ -69,7 +70,8 @@ def _write_mix(
             replaced.unlink(missing_ok=True)
         try:
             for rows in progress.strips("mix", size[1], STRIP_ROWS, 0.0, 0.9):
-                file.write(_as_rows(file, mixed(_layers(source, len(matrices), rows), matrices)))
+                layers = to_be_mixed(_layers(source, len(matrices), rows), basis)
+                file.write(_as_rows(file, mixed(layers, matrices)))
             file.close()
         except BaseException:
             target.unlink(missing_ok=True)

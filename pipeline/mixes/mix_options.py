@@ -85,11 +85,13 @@ class MixBasis(Strict):
     """What mixing starts from, a part of the manifest.
 
     to_xyz: camera RGB → CIE XYZ, 1.0 = white of the screen, for the photograph as it is shown.
-    neutral: CIE XYZ of the neutral light, Y = 1.
+    neutral: CIE XYZ of the neutral light, Y = 1. clipping: the value at which the photograph is
+    clipped, None where it is not, and in manifests of before.
     """
 
     to_xyz: Matrix3x3
     neutral: Vector
+    clipping: float | None = None
     lamps: list[LampBasis]
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.arrays import Floats64
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model, Response
 from pipeline.options import Method
-from pipeline.separation.separation import Strip
 from pipeline.spectra.matrices import best_matrix
 
 
@@ -30,13 +29,12 @@ def camera_changes(lamps: Lamps, model: Model, response: Response, method: Metho
     return np.stack([best_matrix(here * one, there * one) for one in spectra])
 
 
-def other_response(strip: Strip, changes: Floats64) -> Image:
-    """Layers of a strip through the other camera, summed; (h, W, 3), its linear RGB.
+def other_response(layers: Floats32, changes: Floats64) -> Image:
+    """Layers (N, h, W, 3) through the other camera, summed; (h, W, 3), its linear RGB.
 
     changes: (N, 3, 3) from camera_changes.
     """
     seen = (
-        layer @ change.T.astype(np.float32)
-        for layer, change in zip(strip.layers, changes, strict=True)
+        layer @ change.T.astype(np.float32) for layer, change in zip(layers, changes, strict=True)
     )
     return np.asarray(sum(seen), dtype=np.float32)

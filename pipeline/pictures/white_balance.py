@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.compiling import compiled, inlined
+from pipeline.compiling import compiled
 from pipeline.images.by_matrix import fused_by_matrix
 from pipeline.images.frames import (
     Image,
@@ -26,13 +26,13 @@ from pipeline.images.frames import (
 )
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
+from pipeline.pictures.clipped import no_rim, whitening
 from pipeline.separation.separation import Strip
 from pipeline.spectra.matrices import best_matrix
 
 _BRIGHTEST = 4.0  # times the pixel's light
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
-_CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
 _HOLD = 0.05  # of the equations' own size, by which β is held to von Kries's
 _FAINT = 0.1  # of the flash part, below which a channel no longer tells von Kries's light
 _LEAST = 1e-30  # of what is divided by, so that single precision holds the result
@@ -62,9 +62,8 @@ class WhiteBalance:
     """Approaches I and II: colour from the flash photograph, brightness from lamps or all light.
 
     T_n is the matrix that takes measured reflectances best from the flash to the neutral light.
-    Where the flash part is of no use colours come from each lamp's layer; what is clipped in two
-    channels or three has no colour to keep, and becomes white, and a channel that alone is clipped
-    is not the least of all, which would give bright things a pink rim.
+    Where the flash part is of no use colours come from each lamp's layer; what is clipped is
+    white where nothing tells its colour, and has no pink rim (pipeline.pictures.clipped).
 
     clipping: the value at which highlights are clipped, infinite where none is (Pair.white).
     """
@@ -161,20 +160,20 @@ def _balance(
     rows, width = layers.shape[2:]
     scratch = np.empty((8, width), np.float32)
     lit, filled = (scratch[0], scratch[1], scratch[2]), (scratch[3], scratch[4], scratch[5])
-    clipped, strength = scratch[6], scratch[7]
+    whitened, strength = scratch[6], scratch[7]
     for y in range(rows):
         part, trust = (flash[0][y], flash[1][y], flash[2][y]), confidence[y]
         _light(part, neutral.to_neutral, lit)
-        _fill(layers, y, trust, neutral, filled, clipped)
+        _fill(layers, y, trust, neutral, filled, whitened)
         if len(first[0]) > 0:
             _by_lamps(part, layers, y, neutral.matrices, neutral.brightness, strength)
             out = first[0][y], first[1][y], first[2][y]
-            _finish(lit, strength, trust, filled, clipped, neutral.white, out)
+            _finish(lit, strength, trust, filled, whitened, neutral.white, out)
         if len(second[0]) > 0:
             seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
             _by_strength(seen, part, lit, neutral, strength)
             out = second[0][y], second[1][y], second[2][y]
-            _finish(lit, strength, trust, filled, clipped, neutral.white, out)
+            _finish(lit, strength, trust, filled, whitened, neutral.white, out)
 
 
 @compiled
@@ -193,12 +192,11 @@ def _fill(
     confidence: Plane,
     neutral: _Neutral,
     filled: Planes,
-    clipped: Plane,
+    whitened: Plane,
 ) -> None:
     """Write what the layers' colours under the neutral light add to a row, and its highlights.
 
-    filled: as far as the flash part is not trusted. clipped: 0…1, how far a pixel is to be white.
-    A clipped channel, which was brighter, is no less than the next one.
+    filled: as far as the flash part is not trusted. whitened: 0…1, how far a pixel is to be white.
     """
     zero, one, of_white = np.float32(0.0), np.float32(1.0), np.float32(1.0 / neutral.clipping)
     white, matrices = neutral.white, neutral.from_layers
@@ -214,10 +212,10 @@ def _fill(
             p0, p1, p2 = p0 + q0, p1 + q1, p2 + q2
         p0, p1, p2 = max(p0, zero) * inverse_0, max(p1, zero) * inverse_1, max(p2, zero) * inverse_2
         rest = one - confidence[x]
-        filled_0[x] = rest * w0 * (p0 + _clipped(r * of_white) * max(min(p1, p2) - p0, zero))
-        filled_1[x] = rest * w1 * (p1 + _clipped(g * of_white) * max(min(p0, p2) - p1, zero))
-        filled_2[x] = rest * w2 * (p2 + _clipped(b * of_white) * max(min(p0, p1) - p2, zero))
-        clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)) * of_white)  # the second of three
+        light = r * of_white, g * of_white, b * of_white
+        p0, p1, p2 = no_rim(light, (p0, p1, p2))
+        filled_0[x], filled_1[x], filled_2[x] = rest * w0 * p0, rest * w1 * p1, rest * w2 * p2
+        whitened[x] = whitening(light, (p0, p1, p2))
 
 
 @compiled
@@ -301,7 +299,7 @@ def _finish(
     strength: Plane,
     confidence: Plane,
     filled: Planes,
-    clipped: Plane,
+    whitened: Plane,
     white: Numbers,
     balanced: Planes,
 ) -> None:
@@ -322,14 +320,7 @@ def _finish(
         green = trust * max(scale * lit_1[x], zero) + filled_1[x]
         blue = trust * max(scale * lit_2[x], zero) + filled_2[x]
         brightness = max(max(red * inverse_0, green * inverse_1), blue * inverse_2)
-        brightness, rest = clipped[x] * brightness, one - clipped[x]
+        brightness, rest = whitened[x] * brightness, one - whitened[x]
         out_0[x] = rest * red + brightness * w0
         out_1[x] = rest * green + brightness * w1
         out_2[x] = rest * blue + brightness * w2
-
-
-@inlined
-def _clipped(light: np.float32) -> np.float32:
-    """How far a channel counts as clipped, 0…1."""
-    low, scale = np.float32(_CLIPPING[0]), np.float32(1.0 / (_CLIPPING[1] - _CLIPPING[0]))
-    return min(max((light - low) * scale, np.float32(0.0)), np.float32(1.0))

@@ -27,9 +27,11 @@ from pipeline.estimate import Estimate
 from pipeline.images.frames import Image, Matrix, Photograph
 from pipeline.light.model import Response
 from pipeline.photometric_stereo.facing import CONVENTIONS
+from pipeline.pictures.clipped import shown_layers
 from pipeline.pictures.gamma_diagram import draw_gamma_diagram
 from pipeline.pictures.residual_map import draw_residual_map, relative_residual
 from pipeline.pictures.shown import shown_gain
+from pipeline.pictures.white_balance import whites_of
 from pipeline.progress import Progress
 from pipeline.result_names import lamp_name
 from pipeline.results.pictures import Pictures
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from pipeline.photometric_stereo.solve import Surface
 
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
+_FAINTEST = 1e-6  # a lamp's light all over the picture, so that its colour is that of some lamp
 _SRGB = ("8-bit sRGB curve", "sRGB")
 _REC2020 = ("16-bit linear", "Rec. 2020")
 
@@ -63,6 +66,7 @@ class Outputs:
     def __init__(
         self,
         photograph: Photograph,
+        clipping: float,
         small: Pictures,
         estimate: Estimate,
         wanted: frozenset[str],
@@ -71,11 +75,11 @@ class Outputs:
     ) -> None:
         """Open the files.
 
-        photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. small: of
-        overview, which says how bright the other pictures are shown. wanted: names out of
-        OUTPUT_NAMES; those of what there is not are passed over. directory: where, it exists.
-        convention: of the normals that are written. Raises OptionError for a picture that a wanted
-        format cannot hold, OSError.
+        photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. clipping:
+        the value at which it is clipped, infinite where it is not. small: of overview, which says
+        how bright the other pictures are shown. wanted: names out of OUTPUT_NAMES; those of what
+        there is not are passed over. directory: where, it exists. convention: of the normals that
+        are written. Raises OptionError for a picture that a wanted format cannot hold, OSError.
         """
         self._convention = convention
         self._size = photograph.shape[1], photograph.shape[0]
@@ -86,7 +90,7 @@ class Outputs:
         self._takers: list[Callable[[Pictures], None]] = []
         self._outputs: list[_Output] = []
         try:
-            self._open(photograph, small)
+            self._open(photograph, clipping, small)
         except BaseException:
             self._remove()
             raise
@@ -122,7 +126,7 @@ class Outputs:
             described.append(describe(output.path, output.encoding, output.colour_space))
         return described
 
-    def _open(self, photograph: Photograph, small: Pictures) -> None:
+    def _open(self, photograph: Photograph, clipping: float, small: Pictures) -> None:
         """Open the files in the order in which the manifest lists them."""
         facing, changes = self._estimate.facing, self._estimate.changes
         surface = None if facing is None else facing.surface
@@ -135,7 +139,7 @@ class Outputs:
         if surface is not None:
             self._open_surface(small, surface)
         self._open_confidences(surface is not None)
-        self._open_previews(photograph)
+        self._open_previews(photograph, clipping, small)
 
     def _stream(
         self,
@@ -166,12 +170,11 @@ class Outputs:
         to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz, _brightest(self._model.camera))
         to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ camera_to_xyz)
         for lamp in range(len(self._estimate.lamps)):
-            layer = partial(_layer, lamp)
             if "lamps.tif" in wanted:
                 tiff = partial(TiffFile, size=size, to_rec2020=to_rec2020)
-                self._stream(f"{lamp_name(lamp)}.tif", _REC2020, tiff, layer)
+                self._stream(f"{lamp_name(lamp)}.tif", _REC2020, tiff, partial(_layer, lamp))
             if "lamps.jpg" in wanted:
-                self._show(f"{lamp_name(lamp)}.jpg", to_srgb, layer)
+                self._show(f"{lamp_name(lamp)}.jpg", to_srgb, partial(_shown_layer, lamp))
         if "layers.psd" in wanted:
             # imported only here: few ask for it
             from pipeline.encode.psd import PsdFile
@@ -206,7 +209,7 @@ class Outputs:
                 self._show("response.jpg", to_srgb, lambda pictures: pictures.response)
             if "response_lamps.jpg" in self._wanted:
                 for lamp, change in enumerate(changes):
-                    layer = partial(_layer, lamp)
+                    layer = partial(_shown_layer, lamp)
                     self._show(f"response_{lamp_name(lamp)}.jpg", to_srgb @ change, layer)
         if "response.exr" in self._wanted:
             kind = (
@@ -293,15 +296,22 @@ class Outputs:
                 "normals_confidence.tif", kind, grey, lambda pictures: pictures.normals_confidence
             )
 
-    def _open_previews(self, photograph: Photograph) -> None:
+    def _open_previews(self, photograph: Photograph, clipping: float, small: Pictures) -> None:
         if "preview.exr" in self._wanted:
             kind = ("16-bit float", f"{_CAMERA_RGB}; Y: 1 = separated, 0 = could not be")
             preview = partial(PreviewFile, size=self._size)
             self._stream("preview.exr", kind, preview, _layers_and_confidence)
         if "thumbnail.jpg" in self._wanted:
-            small = thumbnail(photograph)
+            shown = self._with_white_highlights(thumbnail(photograph), clipping, small)
             to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ self._model.camera_to_xyz)
-            self._at_last("thumbnail.jpg", _SRGB, lambda path: write_jpeg(path, small, to_srgb))
+            self._at_last("thumbnail.jpg", _SRGB, lambda path: write_jpeg(path, shown, to_srgb))
+
+    def _with_white_highlights(self, picture: Image, clipping: float, small: Pictures) -> Image:
+        """A photograph as it is shown: clipped light has the colour of all lamps together."""
+        whites = whites_of(self._estimate.lamps, self._model)
+        strengths = np.maximum(small.layers[..., 1].sum(axis=(1, 2)), _FAINTEST)
+        white = strengths @ (whites / whites[:, 1:2])
+        return np.asarray(shown_layers(picture[None], white[None], clipping)[0])
 
     def _open_diagrams(self, entries: list[dict[str, Any]]) -> None:
         reduced, lamps = self._estimate.reduced, self._estimate.lamps
@@ -322,6 +332,10 @@ def _as_shown(picture: Photograph | None, to_srgb: Matrix) -> Matrix:
 
 def _layer(lamp: int, pictures: Pictures) -> Image:
     return np.asarray(pictures.layers[lamp])
+
+
+def _shown_layer(lamp: int, pictures: Pictures) -> Image:
+    return np.asarray(pictures.shown_layers[lamp])
 
 
 def _balanced_1(pictures: Pictures) -> Image | None:
@@ -364,7 +378,7 @@ def _brightest(camera: Camera) -> Matrix:
 
 
 def _layers_and_confidence(pictures: Pictures) -> dict[str, Floats32]:
-    named = {lamp_name(index): layer for index, layer in enumerate(pictures.layers)}
+    named = {lamp_name(index): layer for index, layer in enumerate(pictures.shown_layers)}
     return named | {"Y": pictures.confidence}
 
 

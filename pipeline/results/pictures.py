@@ -12,8 +12,9 @@ from pipeline.images.frames import Image, Plane
 from pipeline.options import Method, Options
 from pipeline.output_names import Need, outputs_with
 from pipeline.pair.pair import Pair
+from pipeline.pictures.clipped import shown_layers
 from pipeline.pictures.response import other_response
-from pipeline.pictures.white_balance import WhiteBalance
+from pipeline.pictures.white_balance import WhiteBalance, whites_of
 from pipeline.progress import Progress
 from pipeline.separation.separation import Strip, separate, separate_reduced
 
@@ -22,7 +23,8 @@ from pipeline.separation.separation import Strip, separate, separate_reduced
 class Pictures:
     """Some rows of every picture, linear (h, W, 3); None where not wanted.
 
-    rows: which. layers: (N, h, W, 3). white_balanced_1, _2: camera RGB as under the neutral light,
+    rows: which. layers: (N, h, W, 3). shown_layers: what is shown of them, clipped light in its
+    lamp's colour. white_balanced_1, _2: camera RGB as under the neutral light,
     by approach I and II. normals: unit, NaN where unknown. normals_confidence: (h, W) 0…1, how far
     the normals can be trusted. response: the photograph in linear RGB of the other camera.
     confidence: (h, W) 0…1, 0 where the layers are filled in from their surroundings.
@@ -30,6 +32,7 @@ class Pictures:
 
     rows: slice
     layers: Floats32
+    shown_layers: Floats32
     white_balanced_1: Image | None
     white_balanced_2: Image | None
     normals: Image | None
@@ -61,7 +64,7 @@ def render(
             from pipeline.photometric_stereo.confidence import normals_confidence  # few ask for it
 
             trust = normals_confidence(strip, surface, normals)
-        pictures = _shown(strip, balance, estimate, wanted)
+        pictures = _shown(strip, pair.white, balance, estimate, wanted)
         yield replace(pictures, normals=normals, normals_confidence=trust)
 
 
@@ -72,11 +75,12 @@ def overview(pair: Pair, estimate: Estimate, method: Method, wanted: frozenset[s
     """
     strip = separate_reduced(pair, estimate.reduced, estimate.lamps)
     balance = _balance(method, estimate, pair)
-    return _shown(strip, balance, estimate, wanted)
+    return _shown(strip, pair.white, balance, estimate, wanted)
 
 
 def _shown(
     strip: Strip,
+    clipping: float,
     balance: WhiteBalance | PublishedWhiteBalance,
     estimate: Estimate,
     wanted: frozenset[str],
@@ -86,14 +90,16 @@ def _shown(
         strip, _needed("white_balanced_1", wanted), _needed("white_balanced_2", wanted)
     )
     changes = estimate.changes
+    shown = shown_layers(strip.layers, whites_of(estimate.lamps, estimate.model), clipping)
     return Pictures(
         rows=strip.rows,
         layers=strip.layers,
+        shown_layers=shown,
         white_balanced_1=balanced_1,
         white_balanced_2=balanced_2,
         normals=None,
         normals_confidence=None,
-        response=other_response(strip, changes)
+        response=other_response(shown, changes)
         if changes is not None and _needed("response", wanted)
         else None,
         confidence=strip.confidence,

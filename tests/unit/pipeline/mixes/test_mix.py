@@ -13,7 +13,7 @@ from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model, build_model
-from pipeline.mixes.mix import mix_basis, mix_matrices, mixed
+from pipeline.mixes.mix import mix_basis, mix_matrices, mixed, to_be_mixed
 from pipeline.mixes.mix_options import LampMix, Mix, MixBasis
 from pipeline.pictures.shown import shown_gain
 from pipeline.pictures.white_balance import whites_of
@@ -41,7 +41,7 @@ def layers(lamps: Lamps, model: Model) -> Floats32:
 
 @pytest.fixture
 def basis(layers: Floats32, lamps: Lamps, model: Model) -> MixBasis:
-    return mix_basis(layers.sum(axis=0), lamps, model)
+    return mix_basis(layers.sum(axis=0), np.inf, lamps, model)
 
 
 def one(basis: MixBasis, layers: Floats32, **settings: Any) -> Floats64:
@@ -49,6 +49,26 @@ def one(basis: MixBasis, layers: Floats32, **settings: Any) -> Floats64:
     mix = Mix(lamps=[LampMix(**settings), LampMix(on=False)])
     found = mixed(layers, mix_matrices(basis, mix))[0, 0]
     return np.asarray(SRGB_TO_XYZ @ found, np.float64)
+
+
+def test_clipped_light_is_mixed_in_the_colour_of_its_lamp(
+    lamps: Lamps, layers: Floats32, model: Model
+) -> None:
+    """In the place of the grey card, as bright as its brightest channel says."""
+    clipped = layers.copy()
+    clipped[:, 0, 1] = [[0.75] * 3, [0.25] * 3]
+    basis = mix_basis(layers.sum(axis=0), 1.0, lamps, model)
+    assert basis.clipping == 1.0
+
+    found = to_be_mixed(clipped, basis)
+
+    whites = layers[:, 0, 0]
+    bright = np.array([0.75, 0.25]) / whites.min(axis=1)
+    np.testing.assert_allclose(found[:, 0, 1], whites * bright[:, None], rtol=1e-5)
+    np.testing.assert_array_equal(found[:, 0, [0, 2]], clipped[:, 0, [0, 2]])
+    endless = mix_basis(layers.sum(axis=0), np.inf, lamps, model)
+    assert endless.clipping is None
+    assert to_be_mixed(clipped, endless) is clipped
 
 
 def test_neutral_settings_give_the_photograph_as_it_is_shown(
@@ -70,7 +90,7 @@ def test_layers_of_any_scale_are_mixed_as_exactly(
     photograph = np.float32(scale) * layers.sum(axis=0)
     to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
     exact = shown_gain(photograph, to_srgb) * to_srgb
-    basis = mix_basis(photograph, lamps, model)
+    basis = mix_basis(photograph, np.inf, lamps, model)
 
     found = mix_matrices(basis, Mix(lamps=[LampMix(), LampMix()]))
 
@@ -142,7 +162,7 @@ def test_the_temperature_that_is_told_of_a_lamp_changes_nothing(
     """Nor does one near it jump; one that is another's has just its colour."""
     lamps, model = lit_by(light, name, lamps_of)
     card = np.array([[whites_of(lamps, model)[0]]], np.float32)
-    basis = mix_basis(card, lamps, model)
+    basis = mix_basis(card, np.inf, lamps, model)
     (told,) = lamp_entries(lamps, model, np.ones(1))
 
     def lit(**settings: Any) -> Floats64:
@@ -181,7 +201,7 @@ def test_a_lamp_without_a_temperature_has_no_own_white(
 ) -> None:
     lamps = lamps_of([[0.2, 1.0, 0.1], [0.9, 0.8, 0.4]])
 
-    basis = mix_basis(np.ones((1, 1, 3), np.float32), lamps, model)
+    basis = mix_basis(np.ones((1, 1, 3), np.float32), np.inf, lamps, model)
 
     assert [lamp.own_white is None for lamp in basis.lamps] == [True, False]
 
@@ -209,7 +229,7 @@ def test_a_lamp_without_a_white_to_adapt_from_gets_the_temperature_of_the_neutra
     matrix = best_matrix(s * find_light("xenon"), s * band)
     lamps = lamps_of(np.ones(3), matrices=matrix[None])
     card = np.array([[whites_of(lamps, model)[0]]], np.float32)
-    basis = mix_basis(card, lamps, model)
+    basis = mix_basis(card, np.inf, lamps, model)
 
     def lit(**settings: Any) -> Floats64:
         mix = Mix(lamps=[LampMix(**settings)])

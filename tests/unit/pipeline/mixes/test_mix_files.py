@@ -21,7 +21,7 @@ from pipeline.mixes.mix_files import format_of, mix_files, mix_results
 from pipeline.mixes.mix_options import LampMix, Mix, MixRequest
 from pipeline.progress import Progress
 
-EYE = np.linalg.inv(XYZ_TO_SRGB).tolist()
+EYE: Any = np.linalg.inv(XYZ_TO_SRGB).tolist()
 LAMP = {"white": [0.95, 1.0, 1.09], "neutral_to_xyz": EYE}
 BASIS: dict[str, Any] = {"to_xyz": EYE, "neutral": [0.95, 1.0, 1.09], "lamps": [LAMP, LAMP]}
 TWO = Mix(lamps=[LampMix(ev=-1), LampMix(rgb=(2.0, 1.0, 0.5))])
@@ -63,6 +63,26 @@ def test_a_jpeg_shows_it(folder: Path, wanted: Floats32) -> None:
         away = np.asarray(picture).astype(int) - to_srgb8(wanted)
     assert np.abs(away).max() <= 6
     assert np.abs(away).mean() < 1
+
+
+def test_clipped_light_has_the_colour_of_its_lamp(folder: Path, layers: Floats32) -> None:
+    """A corner that is clipped in all channels; manifests of before do not tell where that is."""
+    layers = layers.copy()
+    layers[:, :20, :20] = [[[[0.75]]], [[[0.25]]]]
+    write_exr(folder / "layers.exr", {"lamp1": layers[0], "lamp2": layers[1]})
+    warm = np.array([1.0, 0.5, 0.25])
+    lamp = LAMP | {"white": (EYE @ warm / (EYE @ warm)[1]).tolist()}
+    basis = BASIS | {"clipping": 1.0, "lamps": [lamp, lamp]}
+    (folder / "manifest.json").write_text(json.dumps({"mix": basis}))
+
+    mix_files(folder, TWO, folder / "mix.exr", Progress())
+
+    channels = OpenEXR.File(str(folder / "mix.exr"), separate_channels=True).channels()
+    found = np.stack([channels[letter].pixels for letter in "RGB"], -1)
+    white = 4 * warm * (0.5 * 0.75 + 0.25 * np.array([2, 1, 0.5]))
+    np.testing.assert_allclose(found[10, 10], white, rtol=2e-3)
+    unclipped = 0.5 * layers[0] + layers[1] * [2, 1, 0.5]
+    np.testing.assert_allclose(found[20:], unclipped[20:], rtol=2**-11, atol=1e-6)
 
 
 def test_a_tiff_has_it_in_rec_2020(folder: Path, wanted: Floats32) -> None:

@@ -10,24 +10,11 @@ from pipeline.arrays import Floats32, Floats64
 from pipeline.light.model import Model, Response, build_model
 from pipeline.options import Method
 from pipeline.pictures.response import camera_changes, other_response
-from pipeline.separation.separation import Strip
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light, reflectance_spectra
 
 Exact = Callable[..., tuple[Any, Floats64]]
 METHODS: tuple[Method, ...] = ("best", "paper")
-
-
-def strip_of(layers: Floats64) -> Strip:
-    """Layers alone: nothing else is needed."""
-    shape = layers.shape[1:]
-    return Strip(
-        rows=slice(0, shape[0]),
-        layers=layers.astype(np.float32),
-        no_flash=np.zeros(shape, np.float32),
-        flash=np.zeros(shape, np.float32),
-        confidence=np.zeros(shape[:2], np.float32),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +50,7 @@ def test_through_the_same_camera_the_photograph_is_the_photograph(
     pair, layers = exact(warm_to_cool[:count])
     changes = camera_changes(lamps_of(warm_to_cool[:count]), model, through(camera), method)
 
-    found = other_response(strip_of(layers), changes)
+    found = other_response(layers.astype(np.float32), changes)
 
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, pair.no_flash, atol=1e-5)
@@ -85,7 +72,7 @@ def test_paper_takes_layers_of_the_other_cameras_model(
     response = through(srgb_stand_in())
     changes = camera_changes(lamps_of(warm_to_cool[:count]), model, response, "paper")
 
-    found = other_response(strip_of(layers), changes)
+    found = other_response(layers.astype(np.float32), changes)
 
     lit = np.einsum("klj,nj,hwl->nhwk", response.tensor, warm_to_cool[:count], flash_part)
     expected = (shares_of(count)[..., None] * lit).sum(axis=0)
@@ -116,7 +103,9 @@ def test_another_camera_sees_measured_surfaces_as_it_would(
     brightness = 0.0
     for method in reversed(METHODS):
         changes = camera_changes(lamps, model, response, method)
-        found = other_response(strip_of(here[None, :, None]), changes)[:, 0].astype(np.float64)
+        found = other_response(here[None, :, None].astype(np.float32), changes)[:, 0].astype(
+            np.float64
+        )
         across = np.linalg.norm(np.cross(found, there), axis=1)
         degrees[method] = np.degrees(np.arctan2(across, (found * there).sum(axis=1))).mean()
         brightness = found[:, 1].mean() / there[:, 1].mean()
@@ -159,7 +148,9 @@ def test_a_lamp_without_blue_asks_for_no_blue(
     layers = np.full((1, 4, 5, 3), 0.2)
     layers[..., 2] = blue
 
-    found = other_response(strip_of(layers), camera_changes(lamps, model, through(camera), method))
+    found = other_response(
+        layers.astype(np.float32), camera_changes(lamps, model, through(camera), method)
+    )
 
     assert np.abs(found).max() < 2
 
@@ -168,6 +159,6 @@ def test_layers_of_every_lamp_are_changed_by_its_own_matrix() -> None:
     layers = np.random.default_rng(2).normal(0.1, 0.2, (3, 8, 9, 3))
     changes = np.random.default_rng(3).normal(0, 1, (3, 3, 3))
 
-    found = other_response(strip_of(layers), changes)
+    found = other_response(layers.astype(np.float32), changes)
 
     np.testing.assert_allclose(found, np.einsum("nhwl,nkl->hwk", layers, changes), atol=1e-5)

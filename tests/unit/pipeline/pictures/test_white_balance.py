@@ -251,8 +251,10 @@ def test_filled_in_pixels_take_their_colour_from_the_layers(
     [
         ((1.0, 1.0, 1.0), 1.0),
         ((1.0, 1.0, 0.4), 1.0),
-        ((0.2, 0.99, 1.0), 1.0),
-        ((1.0, 0.945, 0.1), 0.5),
+        ((1.0, 0.99, 0.85), 1.0),
+        ((0.2, 0.99, 1.0), 0.0),
+        ((1.0, 0.945, 0.4), 0.5),
+        ((1.0, 0.945, 0.1), 0.0),
         ((1.0, 0.7, 0.3), 0.0),
         ((0.89, 0.89, 0.89), 0.0),
     ],
@@ -266,7 +268,7 @@ def test_clipped_highlights_become_white(
     colour: tuple[float, float, float],
     whitened: float,
 ) -> None:
-    """As the light is not known, nothing is separated there; one clipped channel keeps its hue."""
+    """Nothing is separated there. One clipped channel keeps its hue; two, if a third tells it."""
     lamps = lamps_of(warm_to_cool[0])
 
     def balanced(light: float) -> Any:

@@ -38,6 +38,7 @@ def pictures() -> Pictures:
     return Pictures(
         rows=slice(0, SIZE[0]),
         layers=layers,
+        shown_layers=layers,
         white_balanced_1=balanced[0],
         white_balanced_2=balanced[1],
         normals=normals,
@@ -82,6 +83,7 @@ def written(
         )
         with Outputs(
             more.get("photograph", given.layers.sum(axis=0)),
+            more.get("clipping", np.inf),
             given,
             estimate,
             frozenset(wanted),
@@ -99,6 +101,7 @@ def some_rows(pictures: Pictures, rows: slice) -> Pictures:
     cut: Any = {
         field.name: None if (whole := getattr(pictures, field.name)) is None else whole[rows]
         for field in fields(pictures)
-        if field.name not in ("rows", "layers")
+        if field.name not in ("rows", "layers", "shown_layers")
     }
-    return Pictures(rows=rows, layers=pictures.layers[:, rows], **cut)
+    layers, shown = pictures.layers[:, rows], pictures.shown_layers[:, rows]
+    return Pictures(rows=rows, layers=layers, shown_layers=shown, **cut)

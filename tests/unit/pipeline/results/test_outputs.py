@@ -203,6 +203,7 @@ def test_black_pictures_are_written_black(
     dark = replace(
         pictures,
         layers=np.stack([black, black]),
+        shown_layers=np.stack([black, black]),
         white_balanced_1=black,
         white_balanced_2=black,
         normals=np.full((40, 64, 3), np.nan, np.float32),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 import tifffile
 import trimesh
@@ -19,6 +20,8 @@ from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.light.model import Model, build_model
+from pipeline.pictures.shown import shown_gain
+from pipeline.pictures.white_balance import whites_of
 from pipeline.results.pictures import Pictures
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
@@ -95,7 +98,8 @@ def test_what_fills_the_whole_sensor_is_not_cut_off(
     """Of which red or blue is more than the screen's white, of one camera more than of any lamp."""
     cameras = {one.name: one for one in measured_cameras()}
     ramp = np.broadcast_to(np.linspace(0.9, 1.0, SIZE[1])[:, None], (*SIZE, 3)).astype(np.float32)
-    given = replace(pictures, layers=np.stack([ramp, 0 * ramp]), white_balanced_1=ramp)
+    layers = np.stack([ramp, 0 * ramp])
+    given = replace(pictures, layers=layers, shown_layers=layers, white_balanced_1=ramp)
     model = build_model(cameras[name], find_light("xenon"), find_light("D65"), "wpca")
 
     written("lamps.tif", "white_balanced_1.tif", by=model, given=given)
@@ -123,7 +127,8 @@ def test_shown_pictures_are_neither_black_nor_white(
     light: float,
 ) -> None:
     """Dark ones are lifted by a factor of eight at most, bright ones lowered as far as it takes."""
-    written("lamps.jpg", given=replace(pictures, layers=pictures.layers * np.float32(light)))
+    layers = pictures.layers * np.float32(light)
+    written("lamps.jpg", given=replace(pictures, layers=layers, shown_layers=layers))
 
     mean = shown(tmp_path / "lamp1.jpg").mean()
     low, high = {1e-3: (1, 40), 1.0: (60, 200), 20.0: (60, 200)}[light]
@@ -138,7 +143,7 @@ def test_layers_are_shown_on_the_scale_of_the_photograph(
 
     written(
         "lamps.jpg",
-        given=replace(pictures, layers=faint),
+        given=replace(pictures, layers=faint, shown_layers=faint),
         photograph=pictures.layers.sum(axis=0),
     )
 
@@ -195,6 +200,56 @@ def test_the_thumbnail_shows_the_photograph(
     assert codes.shape == (*SIZE, 3)
     for x in (8, 56):
         np.testing.assert_allclose(codes[20, x], to_srgb8(photograph, to_srgb)[20, x], atol=3)
+
+
+def test_clipped_light_of_the_thumbnail_has_the_colour_of_all_lamps_together(
+    written: Callable[..., list[dict[str, Any]]],
+    pictures: Pictures,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+    model: Model,
+    tmp_path: Path,
+) -> None:
+    """At the right, where the first lamp has three times the other one's light."""
+    photograph = np.full((*SIZE, 3), (0.2, 0.3, 0.1), np.float32)
+    photograph[:, 32:] = 1.0
+    layers = np.stack([0.75 * photograph, 0.25 * photograph])
+    to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
+    to_srgb = to_srgb * shown_gain(photograph, to_srgb)
+    whites = whites_of(lamps_of(warm_to_cool[[0, 2]]), model)
+    white = np.array([3.0, 1.0]) @ (whites / whites[:, 1:2])
+    expected = np.stack([photograph[0, 0], white / white.min()])[None].astype(np.float32)
+
+    written(
+        "thumbnail.jpg",
+        photograph=photograph,
+        clipping=1.0,
+        given=replace(pictures, layers=layers, shown_layers=layers),
+    )
+
+    codes = shown(tmp_path / "thumbnail.jpg")[20].astype(int)
+    np.testing.assert_allclose(codes[[8, 56]], to_srgb8(expected, to_srgb)[0], atol=3)
+
+
+def test_pictures_of_layers_are_of_those_to_be_shown(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    """Files for other programs have the layers themselves."""
+    names = "lamps.jpg", "preview.exr", "layers.exr", "lamps.tif"
+
+    written(*names, given=replace(pictures, layers=0 * pictures.layers))
+
+    means = [shown(tmp_path / f"lamp{i}.jpg").mean() for i in (1, 2)]
+    assert min(means) > 60
+    preview, layers = (
+        OpenEXR.File(str(tmp_path / name), separate_channels=True).channels()
+        for name in ("preview.exr", "layers.exr")
+    )
+    np.testing.assert_allclose(
+        preview["lamp2.G"].pixels, pictures.shown_layers[1, ..., 1], rtol=2**-11, atol=1e-6
+    )
+    assert not layers["lamp2.G"].pixels.any()
+    assert not tifffile.imread(tmp_path / "lamp2.tif").any()
 
 
 def test_a_mesh_is_of_the_surface_and_shows_the_neutral_picture(

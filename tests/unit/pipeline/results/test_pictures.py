@@ -96,8 +96,11 @@ def rendered(
             else np.concatenate([getattr(strip, name) for strip in strips])
             for name in (*NAMES, "confidence")
         }
-        layers = np.concatenate([strip.layers for strip in strips], axis=1)
-        return Pictures(rows=slice(0, 64), layers=layers, **joined)
+        layers, shown = (
+            np.concatenate([getattr(strip, name) for strip in strips], axis=1)
+            for name in ("layers", "shown_layers")
+        )
+        return Pictures(rows=slice(0, 64), layers=layers, shown_layers=shown, **joined)
 
     return run
 
