@@ -186,10 +186,11 @@ def follow_outwards(
     if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:
         return usual
     evidence = _without_coves(evidence, usual.matrices)
-    if lamps == MOST_LAMPS and not _leave_much(reduced, evidence, usual.matrices):
+    usual_left = _left(reduced, evidence, usual.matrices)
+    if lamps == MOST_LAMPS and usual_left[0] <= _LITTLE:
         return usual
     matrices = best = usual.matrices
-    least = limits = np.array(_LESS[lamps]) * _left(reduced, evidence, usual.matrices)
+    least = limits = np.array(_LESS[lamps]) * usual_left
     for share in _FEWER_PURE[lamps]:
         problem = _problem(evidence, model.prior, lamps, False, share, known)
         matrices, _ = follow(problem, [matrices])

@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Floats32, Floats64
+from pipeline.compiling import exact, spliced
+from pipeline.images.frames import Colour, Image, Mask
 from pipeline.images.quantiles import weighted_quantile
-from pipeline.light.shares import shares
+from pipeline.light.shares import share_of_one, shares, shares_of_three, shares_of_two
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.pair.reduced import ReducedPair, variance_left
+from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import cross_2d
 
 _QUANTILE = 0.9
@@ -38,21 +40,17 @@ def left_over(reduced: ReducedPair, matrices: Floats64) -> float:
 
     That is the photograph's, or what the lamps make of a weak flash part's, if it is more.
     """
-    left, light, share = _left_of_pixels(reduced, matrices)
-    own = _total(reduced.no_flash_variance[reduced.usable])
+    left, light, own, mixed = _left_of_pixels(reduced, matrices)
     # each lamp follows the noise of one of three channels
-    mixed = np.tensordot(share, matrices.astype(np.float32), axes=(0, 0))
-    both = (reduced.no_flash_variance, reduced.flash_variance, reduced.covariance)
-    left_by_noise = variance_left(mixed, *(one[reduced.usable] for one in both))
-    variance = np.maximum(own, (3 - len(matrices)) / 3 * _total(left_by_noise))
-    relative = [np.asarray(one / light, np.float32) for one in (np.sqrt(variance), left)]
+    variance = np.maximum(own, np.float32((3 - len(matrices)) / 3) * mixed)
+    relative = [one / light for one in (np.sqrt(variance), left)]
     noise, whole = (weighted_quantile(one, light, _QUANTILE) for one in relative)
     return float(np.sqrt(max(whole**2 - noise**2, 0.0)))
 
 
 def mean_left_over(reduced: ReducedPair, matrices: Floats64) -> float:
     """Share of all light that lamps (N, 3, 3) leave unexplained, noise included."""
-    left, light, _ = _left_of_pixels(reduced, matrices)
+    left, light, *_ = _left_of_pixels(reduced, matrices)
     return float(left.sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
@@ -124,18 +122,88 @@ def share_outside(pixels: Data, matrices: Floats64) -> float:
     return float((outside > _OUTSIDE + 2 * _deviation(pixels)).mean())
 
 
-def _left_of_pixels(
-    reduced: ReducedPair, matrices: Floats64
-) -> tuple[Floats32, Floats32, Floats32]:
-    """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, all, and shares."""
-    no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
-    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
-    seen, weighed = no_flash * weights, weights[:, None] * matrices.astype(np.float32)
-    left, predicted = seen.copy(), np.maximum(flash @ weighed.transpose(0, 2, 1), 0.0)
-    found = shares(seen, predicted)
-    for share, given in zip(found, predicted, strict=True):
-        left -= share[:, None] * given
-    return np.abs(left) @ (1.0 / weights), _total(no_flash), found
+def _left_of_pixels(reduced: ReducedPair, matrices: Floats64) -> Floats32:
+    """What lamps (N, 3, 3) leave of usable pixels: (4, n), as _leave writes it."""
+    light = reduced.no_flash[reduced.usable]
+    weights = (1.0 / light.mean(axis=0)).astype(np.float32)
+    found = np.empty((4, len(light)), np.float32)
+    _leave(
+        reduced.no_flash,
+        reduced.flash,
+        reduced.no_flash_variance,
+        reduced.flash_variance,
+        reduced.flash_only,
+        reduced.usable,
+        matrices.astype(np.float32),
+        weights,
+        found,
+    )
+    return found
+
+
+@exact
+def _leave(
+    no_flash: Image,
+    flash: Image,
+    no_flash_variance: Image,
+    flash_variance: Image,
+    flash_only: bool,
+    usable: Mask,
+    matrices: Floats32,
+    weights: Floats32,
+    found: Floats32,
+) -> None:
+    """Write (4, n) of the usable pixels: light that lamps leave unexplained, all light, variances.
+
+    These are the photograph's own, and that of the light less the flash part by the mixture of the
+    lamps. The rest as in ReducedPair. weights: (3,) of the channels.
+    """
+    zero, two = np.float32(0.0), np.float32(2.0)
+    count, at = len(matrices), 0
+    lit, share = np.zeros((3, 3), np.float32), np.zeros(3, np.float32)
+    for y in range(usable.shape[0]):
+        for x in range(usable.shape[1]):
+            if not usable[y, x]:
+                continue
+            light, (r, g, b) = _pixel(no_flash, y, x), _pixel(flash, y, x)
+            for j in range(count):
+                for k in range(3):
+                    given = matrices[j, k, 0] * r + matrices[j, k, 1] * g + matrices[j, k, 2] * b
+                    lit[j, k] = weights[k] * max(given, zero)
+            seen = light[0] * weights[0], light[1] * weights[1], light[2] * weights[2]
+            first = lit[0, 0], lit[0, 1], lit[0, 2]
+            second, third = (lit[1, 0], lit[1, 1], lit[1, 2]), (lit[2, 0], lit[2, 1], lit[2, 2])
+            if count == 1:
+                share[0] = share_of_one(seen, first)
+            elif count == 2:
+                z0, z1, scale = shares_of_two(seen, first, second)
+                share[0], share[1] = z0 / scale, z1 / scale
+            else:
+                share[0], share[1], share[2] = shares_of_three(seen, first, second, third)
+            left, own, mixed = zero, zero, zero
+            for k in range(3):
+                rest = seen[k]
+                for j in range(count):
+                    rest -= share[j] * lit[j, k]
+                left += abs(rest) / weights[k]
+                variance = no_flash_variance[y, x, k]
+                own += variance
+                mixed += variance
+                for c in range(3):
+                    through = zero
+                    for j in range(count):
+                        through += share[j] * matrices[j, k, c]
+                    mixed += through * through * flash_variance[y, x, c]
+                    if c == k and not flash_only:  # a difference lacks what noise adds to no_flash
+                        mixed += two * through * variance
+            found[0, at], found[1, at] = left, light[0] + light[1] + light[2]
+            found[2, at], found[3, at] = own, mixed
+            at += 1
+
+
+@spliced
+def _pixel(image: Image, y: int, x: int) -> Colour:
+    return image[y, x, 0], image[y, x, 1], image[y, x, 2]
 
 
 def _total(light: Floats32) -> Floats32:

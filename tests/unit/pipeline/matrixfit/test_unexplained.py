@@ -8,6 +8,7 @@ import pytest
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.unexplained import (
+    _left_of_pixels,
     left_over,
     mean_left_over,
     places_alone,
@@ -18,6 +19,7 @@ from pipeline.matrixfit.unexplained import (
     unexplained,
 )
 from pipeline.pair.reduced import ReducedPair
+from tests.definitions.unexplained import left_of_pixels
 
 GREY = np.full(3, 1 / 3)
 CORNERS = ((0.2, 0.2), (0.6, 0.2), (0.2, 0.6))
@@ -88,6 +90,22 @@ def test_two_lamps_leave_what_neither_gives() -> None:
 
     assert left_over(pair, yellow_and_blue) == pytest.approx(0, abs=1e-5)
     assert left_over(pair, np.eye(3)[None]) > 0.1
+
+
+@pytest.mark.parametrize("flash_only", [False, True])
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+def test_loops_leave_what_the_definition_leaves(lamps: int, flash_only: bool) -> None:
+    rng = np.random.default_rng(lamps)
+    flash, no_flash = rng.uniform(0.05, 0.5, (2, 20, 30, 3)).astype(np.float32)
+    variances = rng.uniform(1e-6, 1e-4, (2, 20, 30, 3)).astype(np.float32)
+    usable = rng.random((20, 30)) < 0.9
+    matrices = np.stack([np.diag(one) for one in rng.uniform(0.2, 1.0, (lamps, 3))]) - 0.02
+    pair = ReducedPair(no_flash, flash, *variances, usable, 4, False, flash_only=flash_only)
+
+    found = _left_of_pixels(pair, matrices)
+
+    for one, defined in zip(found, left_of_pixels(pair, matrices), strict=True):
+        np.testing.assert_allclose(one, defined, rtol=2e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize(
