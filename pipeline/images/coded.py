@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from pipeline.arrays import Floats32
+from pipeline.compiling import exact
 from pipeline.images.memory import release_rows
-from pipeline.images.strips import strips
-
-_ROWS = 8  # at a time: they stay in the processor's cache
 
 
 class CodedImage(ABC):
@@ -47,7 +45,7 @@ class CodedImage(ABC):
 
     def write_planes(self, rows: slice, planes: Floats32) -> None:
         """Write some rows into planes (3, h, W)."""
-        self._write_planes(self._codes[rows], planes)
+        self._write_planes(np.ascontiguousarray(self._codes[rows]), planes)
 
     def release_rows(self, stop: int) -> None:
         """Give the memory of the rows before `stop` back, as pipeline.images.memory does."""
@@ -63,7 +61,7 @@ class CodedImage(ABC):
 
     @abstractmethod
     def _write_planes(self, codes: NDArray[Any], planes: Floats32) -> None:
-        """Write the light of code values (h, W, 3) into planes (3, h, W)."""
+        """Write the light of contiguous code values (h, W, 3) into planes (3, h, W)."""
 
 
 class TableImage(CodedImage):
@@ -90,8 +88,7 @@ class TableImage(CodedImage):
         return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
 
     def _write_planes(self, codes: NDArray[np.uint8], planes: Floats32) -> None:
-        for channel, plane in zip(cv2.split(codes), planes, strict=True):
-            cv2.LUT(channel, self._table, dst=plane)
+        _look_up(codes, self._table, planes)
 
 
 class LevelImage(CodedImage):
@@ -109,12 +106,39 @@ class LevelImage(CodedImage):
         return type(self)(self._codes, float(self._black), float(self._step) / by)
 
     def _light(self, codes: NDArray[np.uint16]) -> Floats32:
-        light: Floats32 = np.subtract(codes, self._black, dtype=np.float32)
-        light *= self._step
+        light = np.empty(codes.shape, np.float32)
+        _scale(codes.reshape(-1), self._black, self._step, light.reshape(-1))
         return light
 
     def _write_planes(self, codes: NDArray[np.uint16], planes: Floats32) -> None:
-        for rows in strips(len(codes), _ROWS):
-            for channel, plane in zip(cv2.split(codes[rows]), planes[:, rows], strict=True):
-                np.subtract(channel, self._black, out=plane)
-                np.multiply(plane, self._step, out=plane)
+        _scale_planes(codes, self._black, self._step, planes)
+
+
+@exact
+def _look_up(codes: NDArray[np.uint8], table: Floats32, planes: Floats32) -> None:
+    """Write the light that a table tells into planes (3, h, W)."""
+    for y in range(codes.shape[0]):
+        for k in range(3):
+            for x in range(codes.shape[1]):
+                planes[k, y, x] = table[codes[y, x, k]]
+
+
+@exact
+def _scale(codes: NDArray[np.uint16], black: np.float32, step: np.float32, light: Floats32) -> None:
+    """Write light (n,) that grows evenly with codes (n,)."""
+    for i in range(len(codes)):
+        light[i] = (np.float32(codes[i]) - black) * step
+
+
+@exact
+def _scale_planes(
+    codes: NDArray[np.uint16], black: np.float32, step: np.float32, planes: Floats32
+) -> None:
+    """The same into planes (3, h, W); a row is light before its channels are told apart."""
+    width = codes.shape[1]
+    light = np.empty(3 * width, np.float32)
+    for y in range(codes.shape[0]):
+        _scale(codes[y].reshape(-1), black, step, light)
+        for x in range(width):
+            planes[0, y, x], planes[1, y, x] = light[3 * x], light[3 * x + 1]
+            planes[2, y, x] = light[3 * x + 2]

@@ -79,9 +79,11 @@ def test_16_bits_grow_evenly_from_black(deep: NDArray[np.uint16], key: Any) -> N
     np.testing.assert_allclose(coded.divided(0.3)[key], light[key] / 0.3, rtol=3e-7)
 
 
-def test_16_bits_lie_by_planes(deep: NDArray[np.uint16]) -> None:
-    coded, planes = LevelImage(deep, 2048.0, 1 / 60000), np.empty((3, 32, 50), np.float32)
+@pytest.mark.parametrize("quarters", [0, 1, 2])
+def test_16_bits_lie_by_planes(deep: NDArray[np.uint16], quarters: int) -> None:
+    coded = LevelImage(np.rot90(deep, quarters), 2048.0, 1 / 60000)
+    planes = np.empty((3, 20, coded.shape[1]), np.float32)
 
-    coded.write_planes(slice(30, 62), planes)
+    coded.write_planes(slice(30, 50), planes)
 
-    np.testing.assert_array_equal(np.moveaxis(planes, 0, -1), coded[30:62])
+    np.testing.assert_array_equal(np.moveaxis(planes, 0, -1), coded[30:50])
