@@ -13,6 +13,7 @@ from pipeline.images.frames import Image, Photograph
 from pipeline.images.strips import strips
 
 _ROWS = 48  # of the photograph, made linear at a time
+_SUMMED_ROWS = 16  # the same where parts of them are summed: they stay in the processor's cache
 _MANY_ROWS = 512  # above which parts of them are summed
 
 
@@ -36,7 +37,7 @@ def area_means(
     of, to = rows // groups, size[1] // groups
     if of > _MANY_ROWS:
         summed = AreaStrips((columns, rows), size)
-        parts = (photograph[some, :columns] for some in strips(rows, _ROWS))
+        parts = (photograph[some, :columns] for some in strips(rows, _SUMMED_ROWS))
         return np.concatenate([summed.add(part) for part in parts])
     small = np.empty((size[1], size[0], 3), np.float32)
     step = -(-_ROWS // of)
