@@ -13,7 +13,7 @@ from pipeline.arrays import Floats32, Floats64
 from pipeline.compiling import exact, spliced
 from pipeline.images.frames import Colour, Image, Mask
 from pipeline.images.quantiles import weighted_quantile
-from pipeline.light.shares import share_of_one, shares, shares_of_three, shares_of_two
+from pipeline.light.shares import shares, shares_of_three, shares_of_two
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair
@@ -173,9 +173,7 @@ def _leave(
             seen = light[0] * weights[0], light[1] * weights[1], light[2] * weights[2]
             first = lit[0, 0], lit[0, 1], lit[0, 2]
             second, third = (lit[1, 0], lit[1, 1], lit[1, 2]), (lit[2, 0], lit[2, 1], lit[2, 2])
-            if count == 1:
-                share[0] = share_of_one(seen, first)
-            elif count == 2:
+            if count < 3:  # of one lamp the second is black
                 z0, z1, scale = shares_of_two(seen, first, second)
                 share[0], share[1] = z0 / scale, z1 / scale
             else:
