@@ -22,6 +22,7 @@ from service.cli.files import read_file
 
 _MOST_SIDE = 1400
 _JPEG_QUALITY = 88
+_PHOTOGRAPH = {"thumbnail.jpg": "The photograph without the flash"}
 _CAPTIONS = {
     "white_balanced_1.jpg": "White balanced: every lamp replaced by the neutral light",
     "white_balanced_2.jpg": "White balanced as a whole: all light, also what no lamp "
@@ -130,7 +131,7 @@ def _warnings(warnings: Sequence[Mapping[str, Any]]) -> Html:
 def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
     names = [file["name"] for file in manifest["files"]]
     lamps = {f"{lamp['name']}.jpg": f"The light of {lamp['name']}" for lamp in manifest["lamps"]}
-    captions = lamps | _CAPTIONS
+    captions = _PHOTOGRAPH | lamps | _CAPTIONS
     if normals := manifest.get("normals"):  # whose y points up or down, as was asked for
         captions["normals.png"] += f": {normals['convention']}"
     for name in sorted(set(names) & set(captions), key=list(captions).index):

@@ -113,6 +113,19 @@ def test_normals_are_captioned_as_they_were_written(results: Path, convention: s
     assert caption.endswith(f": {convention}")
 
 
+def test_the_photograph_is_seen_before_its_layers(results: Path) -> None:
+    Image.new("RGB", (30, 20), (10, 200, 30)).save(results / "thumbnail.jpg")
+    thumbnail = {"name": "thumbnail.jpg", "encoding": "8-bit", "colour_space": "sRGB"}
+    manifest = MANIFEST | {"files": [*MANIFEST["files"], thumbnail]}
+    (results / "manifest.json").write_text(json.dumps(manifest))
+    assert run(["report", str(results)]) == 0
+    pictures = Page((results / "report.html").read_text()).pictures
+    captions = ["The photograph without the flash", "The light of lamp1"]
+    assert list(pictures)[:2] == captions
+    photograph = np.asarray(pictures[captions[0]])
+    np.testing.assert_allclose(photograph.mean((0, 1)), (10, 200, 30), atol=2)
+
+
 def test_what_files_say_is_no_markup(results: Path) -> None:
     assert run(["report", str(results)]) == 0
     page = Page((results / "report.html").read_text())
