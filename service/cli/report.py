@@ -34,6 +34,8 @@ _CAPTIONS = {
     "confidence.tif": "White where the layers were separated, black where they could not be",
     "normals_confidence.tif": "How far each normal can be trusted",
 }
+_LETTERED = ("gamma.png", "residual.png")
+"""Pictures with words in them, which can be read only where they are shown large."""
 
 Html = str
 """Text in which everything that is not ours is escaped."""
@@ -137,8 +139,9 @@ def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
     for name in sorted(set(names) & set(captions), key=list(captions).index):
         data = base64.b64encode(_small(folder / name)).decode()
         caption = escape(captions[name])
+        wide = ' class="lettered"' if name in _LETTERED else ""
         yield (
-            f'<figure><img alt="{caption}" src="data:image/jpeg;base64,{data}">'
+            f'<figure{wide}><img alt="{caption}" src="data:image/jpeg;base64,{data}">'
             f"<figcaption>{caption}</figcaption></figure>"
         )
 

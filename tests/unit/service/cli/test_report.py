@@ -126,6 +126,18 @@ def test_the_photograph_is_seen_before_its_layers(results: Path) -> None:
     np.testing.assert_allclose(photograph.mean((0, 1)), (10, 200, 30), atol=2)
 
 
+def test_pictures_with_words_in_them_are_shown_large(results: Path) -> None:
+    names = ["lamp1.jpg", "gamma.png", "residual.png"]
+    for name in names[1:]:
+        Image.new("RGB", (6, 4)).save(results / name)
+    files = [{"name": name, "encoding": "8-bit", "colour_space": None} for name in names]
+    (results / "manifest.json").write_text(json.dumps(MANIFEST | {"files": files}))
+    assert run(["report", str(results)]) == 0
+    html = (results / "report.html").read_text()
+    assert re.findall(r"<figure([^>]*)>", html) == ["", *2 * [' class="lettered"']]
+    assert re.search(r"\.lettered \{ grid-column: span 2; \}", html)
+
+
 def test_what_files_say_is_no_markup(results: Path) -> None:
     assert run(["report", str(results)]) == 0
     page = Page((results / "report.html").read_text())
