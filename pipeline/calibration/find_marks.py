@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.calibration.chart_layout import CORNER_NAMES
@@ -66,10 +67,10 @@ def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | Non
     if corners is not None:
         places = np.round(np.array(corners) * scale).astype(np.int32)
         cv2.polylines(screen, [places], True, _COLOUR, thick, cv2.LINE_AA)
+        middle_y = places[:, 1].mean()
         for (x, y), name in zip(places.tolist(), CORNER_NAMES, strict=True):
             cv2.circle(screen, (x, y), 3 * thick, _COLOUR, thick, cv2.LINE_AA)
-            where = (x + 5 * thick, y)
-            cv2.putText(screen, name, where, cv2.FONT_HERSHEY_SIMPLEX, 0.4 * thick, _COLOUR, thick)
+            _name_corner(screen, name, (x, y), -1 if y < middle_y else 1, thick)
     if circle is not None:
         middle = (round(circle.x * scale), round(circle.y * scale))
         cv2.circle(screen, middle, round(circle.radius * scale), _COLOUR, thick, cv2.LINE_AA)
@@ -86,3 +87,16 @@ def _check_one(count: int, what: str, advice: str, mark: str) -> None:
         raise MarkError(
             f"{count} things look like a {what}: leave one in the picture, or give {mark}."
         )
+
+
+def _name_corner(
+    screen: NDArray[np.uint8], name: str, at: tuple[int, int], side: int, thick: int
+) -> None:
+    """Write a name over (side -1) or under (1) a corner, off the chart's lines, in the picture."""
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.4 * thick
+    (length, tall), below = cv2.getTextSize(name, font, size, thick)
+    height, width = screen.shape[:2]
+    x = max(min(at[0] - length // 2, width - length - thick), thick)
+    y = at[1] + side * 5 * thick + (tall if side > 0 else -below)
+    y = max(min(y, height - below - thick), tall + thick)
+    cv2.putText(screen, name, (x, y), font, size, _COLOUR, thick)

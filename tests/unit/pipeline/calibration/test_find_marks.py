@@ -100,9 +100,23 @@ def test_a_chart_is_outlined_and_its_corners_are_named_in_a_picture_made_smaller
         assert lit[y - 1 : y + 2, x - 1 : x + 2].any()
     columns = np.flatnonzero(lit.any(axis=0))
     assert (columns[0], columns[-1]) == (pytest.approx(47, abs=2), pytest.approx(253, abs=2))
-    assert named == {
-        "dark skin": (55, 30),
-        "bluish green": (255, 40),
-        "black": (245, 170),
-        "white": (65, 160),
-    }
+    for (corner_x, corner_y), (name, (start, base)) in zip(corners, named.items(), strict=True):
+        middle = start + cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0][0] / 2
+        assert middle == pytest.approx(corner_x / 2, abs=1)
+        assert base < corner_y / 2 - 4 if corner_y < 200 else base > corner_y / 2 + 8
+    assert list(named) == ["dark skin", "bluish green", "black", "white"]
+
+
+def test_names_of_a_chart_that_fills_the_picture_are_whole_and_off_its_lines(
+    reduced: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = ((40.0, 40.0), (560.0, 40.0), (560.0, 360.0), (40.0, 360.0))
+    named = np.asarray(Image.open(io.BytesIO(draw_marks(reduced, corners, None))), int)
+    monkeypatch.setattr(cv2, "putText", lambda *_: None)
+    outline = np.asarray(Image.open(io.BytesIO(draw_marks(reduced, corners, None))), int)
+    words = np.abs(named - outline).sum(axis=2) > 200
+    rows, columns = np.nonzero(words)
+    assert ((rows < 20) | (rows > 180)).all()
+    assert columns.min() > 0 and columns.max() < 299
+    for corner in (np.s_[:20, :100], np.s_[:20, 200:], np.s_[181:, 200:], np.s_[181:, :100]):
+        assert words[corner].sum() > 30
