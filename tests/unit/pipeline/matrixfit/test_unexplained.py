@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,7 +101,8 @@ def test_loops_leave_what_the_definition_leaves(lamps: int, flash_only: bool) ->
     variances = rng.uniform(1e-6, 1e-4, (2, 20, 30, 3)).astype(np.float32)
     usable = rng.random((20, 30)) < 0.9
     matrices = np.stack([np.diag(one) for one in rng.uniform(0.2, 1.0, (lamps, 3))]) - 0.02
-    pair = ReducedPair(no_flash, flash, *variances, usable, 4, False, flash_only=flash_only)
+    facts: Any = {"block": 4, "rendered": False, "flash_only": flash_only}
+    pair = ReducedPair(no_flash, flash, variances[0], variances[1], usable, **facts)
 
     found = _left_of_pixels(pair, matrices)
 
