@@ -6,7 +6,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.rows import attempts, heartbeats, jobs
+from service.rows import attempts, expiry, heartbeats, jobs
+from service.rows.states import State
 from tests.unit.service.asking import stored
 
 
@@ -31,3 +32,31 @@ def claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:
     job = claim(engine, job_id, worker)
     assert job is not None
     return job
+
+
+def in_state(engine: sa.Engine, state: State) -> jobs.Job:
+    """Bring a job to a state; the attempt that worked on it last."""
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        if state == State.QUEUED:
+            attempts.release(connection, held)
+        if state == State.WAITING_FOR_OPERATOR:
+            ask(connection, held)
+        if state in (State.CANCELING, State.CANCELED):
+            jobs.request_cancel(connection, "a")
+        if state == State.CANCELED:
+            attempts.acknowledge_cancel(connection, held)
+        if state == State.SUCCEEDED:
+            attempts.succeed(connection, held, [])
+        if state == State.FAILED:
+            attempts.fail(connection, held, {})
+        if state == State.EXPIRED:
+            attempts.succeed(connection, held, [])
+            expiry.condemn(connection, "a")
+    assert stored(engine, "a").state == state
+    return held
+
+
+def ask(connection: sa.Connection, held: jobs.Job) -> None:
+    attempts.ask_operator(connection, held, "Switch the flash off.", 60)
