@@ -41,6 +41,7 @@ _LEAST = 0.04  # of its own: no lamp is just a matrix of all colours of a textur
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
 _BESIDE = 4  # pixels around unusable ones that demosaicing and denoising have drawn into them
+_SAME = 1e-6  # of white; what interpolation leaves of one value
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
 
 
@@ -50,7 +51,8 @@ def estimate_noises(
     """Estimate the noise of two photographs from flat areas, and from what they do not share.
 
     first, second: (H, W, 3) linear, of the same things in different light. unusable: (H, W), what
-    tells nothing of noise, like clipped areas, which seem to have none. Second differences
+    tells nothing of noise, like clipped areas, which seem to have none; neither do areas of one
+    value in both, as of a frame drawn around them. Second differences
     (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
     other photograph does not explain is less; it counts, but at least as a 25th. Done on the
@@ -67,13 +69,20 @@ def estimate_noises(
     )
     means, other_means = (_halved(pixels) if scales else pixels for pixels in (one, other))
     marked = np.zeros((height, width), np.bool_) if unusable is None else unusable
-    marked = tiles(marked, _ENOUGH) if large else marked
+    marked = (tiles(marked, _ENOUGH) if large else marked) | (_even(one) & _even(other))
     known = _open_blocks(marked, BLOCK), _open_blocks(marked, 2 * BLOCK)
     own, others = at_once(
         lambda two: _noise_of(*two, known, rows, scales),
         ((one, other, means, other_means), (other, one, other_means, means)),
     )
     return own, others
+
+
+def _even(pixels: Image) -> Mask:
+    """Pixels (H, W) around which all are of one value, as no sensor sees them."""
+    around = np.ones((2 * _BESIDE + 1, 2 * _BESIDE + 1), np.uint8)
+    spread = cv2.dilate(pixels, around) - cv2.erode(pixels, around)
+    return np.asarray((spread <= _SAME).all(axis=2))
 
 
 def _open_blocks(marked: Mask, side: int) -> Mask:

@@ -250,6 +250,35 @@ def test_clipped_areas_do_not_seem_to_have_no_noise(height: int, width: int, sha
     assert found.grain == 1
 
 
+@pytest.mark.parametrize("width", [10, 20, 60])
+@pytest.mark.parametrize("value", [0.0, 0.02, 0.8])
+def test_a_frame_drawn_around_both_does_not_make_the_picture_quiet(
+    width: int, value: float
+) -> None:
+    one, other = (np.full((256 + 2 * width,) * 2 + (3,), value, np.float32) for _ in range(2))
+    inside = slice(width, -width)
+    one[inside, inside], other[inside, inside] = noisy(wedge(), 1), noisy(wedge(), 2)
+
+    found, _ = estimate_noises(one, other)
+
+    for level in (0.05, 0.2, 0.6):
+        ratio = found.variance(np.full(3, level)) / (GAIN * level + FLOOR)
+        np.testing.assert_allclose(ratio, 1, atol=0.15)
+    assert found.grain == 1
+
+
+def test_a_frame_drawn_around_large_photographs_does_not_make_them_quiet() -> None:
+    one, other = noisy(wedge(1200, 2000), 1), noisy(wedge(1200, 2000), 2)
+    for photograph in (one, other):
+        photograph[:200] = photograph[-200:] = 0.8
+
+    found, _ = estimate_noises(one, other)
+
+    for level in (0.05, 0.2, 0.6):
+        ratio = found.variance(np.full(3, level)) / (GAIN * level + FLOOR)
+        np.testing.assert_allclose(ratio, 1, atol=0.15)
+
+
 def test_clipped_areas_do_not_count_among_those_that_are_like_the_quiet_ones() -> None:
     """Two fifths of what is open are quiet: too few for the others to be laid beside their line."""
     light = wedge(600)
