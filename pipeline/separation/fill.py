@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.arrays import Floats32
+from pipeline.arrays import Floats32, Floats64
 from pipeline.images.enlarge import enlarge
-from pipeline.images.frames import by_planes, channels_first
+from pipeline.images.frames import Image, by_planes, channels_first
 from pipeline.images.push_pull import push_pull
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.proportions import model_proportions
 
+_UNKNOWN = 1 / 12  # variance of a proportion of which nothing is known: any from 0 to 1 alike
+_TINY = 1e-30
+
 
 class Surroundings:
-    """Proportions of every lamp in the surroundings of each pixel, smooth, defined everywhere."""
+    """Proportions of every lamp in the surroundings of each pixel, smooth, defined everywhere.
+
+    The noisier a block, the less it counts beside those around.
+    """
 
     def __init__(self, reduced: ReducedPair, lamps: Lamps) -> None:
         proportions = model_proportions(reduced.no_flash, reduced.flash, lamps)
         count, height, width = proportions.shape[:3]
         planes = np.moveaxis(proportions, 0, 2).reshape(height, width, count * 3)
-        self._map = push_pull(planes, reduced.usable.astype(np.float32))
+        self._map = push_pull(planes, _known(reduced, lamps.least_sine))
         self._block = reduced.block
         self._count = count
 
@@ -36,3 +42,21 @@ class Surroundings:
         planes = channels_first(around).reshape(-1, height, width)
         enlarge(self._map, self._block, rows, planes)
         return around
+
+
+def _known(reduced: ReducedPair, least_sine: float) -> Floats32:
+    """How much is known of the blocks' proportions, (h, w): 0 in unusable ones, else ½…1.
+
+    The weight of a block beside one of which nothing is known, each by its variance. What noise is
+    of the light, by the sine of the least angle between two lamps, is how far it moves proportions.
+    """
+    noise = _relative(reduced.no_flash, reduced.no_flash_variance)
+    noise += _relative(reduced.flash, reduced.flash_variance)
+    variance = np.minimum(noise / least_sine**2, _UNKNOWN)
+    return np.where(reduced.usable, _UNKNOWN / (_UNKNOWN + variance), 0.0).astype(np.float32)
+
+
+def _relative(light: Image, variance: Image) -> Floats64:
+    """Variance (h, w) of the sum of a block's channels, relative to its square."""
+    squared = np.square(light.sum(axis=2, dtype=np.float64))
+    return np.asarray(variance.sum(axis=2, dtype=np.float64) / np.maximum(squared, _TINY))

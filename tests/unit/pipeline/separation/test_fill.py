@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -92,3 +93,33 @@ def test_blocks_have_the_proportions_of_their_middle(
 
     np.testing.assert_array_equal(found, around.rows(slice(0, 64), 96))
     assert np.abs(found - true)[:, :18].max() < 0.02
+
+
+def test_a_noisy_block_tells_less_of_what_fills_a_hole_beside_it(
+    pair_of: Callable[..., Any],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+) -> None:
+    """Half of each lamp's light everywhere, but one block at the rim seems to be warm alone."""
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+    part = np.tile(0.4 * model.flash_white, (32, 32, 1)).astype(np.float32)
+    warm, cool = (part @ matrix.T for matrix in lamps.matrices)
+    no_flash = (warm + cool) / 2
+    no_flash[15, 11] = warm[0, 0]
+    clipped = np.zeros((32, 32), bool)
+    clipped[12:20, 12:20] = True
+    quiet = reduce_pair(pair_of(no_flash, part, unusable=clipped))
+    variance = quiet.flash_variance.copy()
+    variance[15, 11] = np.square(quiet.flash[15, 11] * lamps.least_sine)
+    noisy = replace(quiet, flash_variance=variance)
+
+    true = model_proportions((warm + cool).astype(np.float32), part, lamps)
+    off, less = (
+        np.abs(Surroundings(one, lamps).blocks() - true)[:, 12:20, 12:20] for one in (quiet, noisy)
+    )
+
+    assert off.max() > 0.04
+    # of four blocks it is averaged with, it is a quarter, and a seventh where it counts for half
+    np.testing.assert_allclose(less, off * 4 / 7, atol=1e-4)
+    np.testing.assert_allclose(Surroundings(noisy, lamps).blocks().sum(axis=0), 1, atol=1e-6)
