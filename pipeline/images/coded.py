@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from pipeline.arrays import Floats32
-from pipeline.compiling import exact
 from pipeline.images.memory import release_rows
 
 
@@ -88,7 +87,9 @@ class TableImage(CodedImage):
         return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
 
     def _write_planes(self, codes: NDArray[np.uint8], planes: Floats32) -> None:
-        _look_up(codes, self._table, planes)
+        from pipeline.images.code_loops import look_up  # numba: the API decodes nothing
+
+        look_up(codes, self._table, planes)
 
 
 class LevelImage(CodedImage):
@@ -106,39 +107,13 @@ class LevelImage(CodedImage):
         return type(self)(self._codes, float(self._black), float(self._step) / by)
 
     def _light(self, codes: NDArray[np.uint16]) -> Floats32:
+        from pipeline.images.code_loops import scale  # numba: the API decodes nothing
+
         light = np.empty(codes.shape, np.float32)
-        _scale(codes.reshape(-1), self._black, self._step, light.reshape(-1))
+        scale(codes.reshape(-1), self._black, self._step, light.reshape(-1))
         return light
 
     def _write_planes(self, codes: NDArray[np.uint16], planes: Floats32) -> None:
-        _scale_planes(codes, self._black, self._step, planes)
+        from pipeline.images.code_loops import scale_planes  # numba: the API decodes nothing
 
-
-@exact
-def _look_up(codes: NDArray[np.uint8], table: Floats32, planes: Floats32) -> None:
-    """Write the light that a table tells into planes (3, h, W)."""
-    for y in range(codes.shape[0]):
-        for k in range(3):
-            for x in range(codes.shape[1]):
-                planes[k, y, x] = table[codes[y, x, k]]
-
-
-@exact
-def _scale(codes: NDArray[np.uint16], black: np.float32, step: np.float32, light: Floats32) -> None:
-    """Write light (n,) that grows evenly with codes (n,)."""
-    for i in range(len(codes)):
-        light[i] = (np.float32(codes[i]) - black) * step
-
-
-@exact
-def _scale_planes(
-    codes: NDArray[np.uint16], black: np.float32, step: np.float32, planes: Floats32
-) -> None:
-    """The same into planes (3, h, W); a row is light before its channels are told apart."""
-    width = codes.shape[1]
-    light = np.empty(3 * width, np.float32)
-    for y in range(codes.shape[0]):
-        _scale(codes[y].reshape(-1), black, step, light)
-        for x in range(width):
-            planes[0, y, x], planes[1, y, x] = light[3 * x], light[3 * x + 1]
-            planes[2, y, x] = light[3 * x + 2]
+        scale_planes(codes, self._black, self._step, planes)

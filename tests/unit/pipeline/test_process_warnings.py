@@ -198,7 +198,7 @@ def test_a_camera_that_is_named_may_be_doubted(
     manifest = separated(files(), tmp_path, lights=2, camera=camera, outputs=[])
 
     assert codes(manifest).count("camera_doubtful") == named
-    assert [(lamps, camera.name) for _, lamps, _, camera, _, _ in given] == (
+    assert [(lamps, camera.name) for _, lamps, camera, _, _ in given] == (
         [(2, "Sigma SD1 Merrill")] if named else []
     )
 
@@ -210,8 +210,8 @@ def test_of_linear_files_of_a_known_camera_the_pair_tells_whether_they_hold_its_
     sensors: list[Camera] = []
 
     def likely(*given: Any) -> Camera:
-        sensors.append(given[4])
-        return given[4] if taken else srgb_stand_in()
+        sensors.append(given[3])
+        return given[3] if taken else srgb_stand_in()
 
     monkeypatch.setattr("pipeline.process.likely_camera", likely)
     both = files(write=partial(tiff, camera=("NIKON CORPORATION", "NIKON D5100")))

@@ -62,11 +62,11 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
 
 
 def test_noise_is_told_beside_what_is_clipped(frames: Callable[..., tuple[Frame, Frame]]) -> None:
+    """In one of them alone: what is of one value in both tells nothing by itself."""
     before, after = frames()
-    for one in (before, after):
-        assert isinstance(one.pixels, np.ndarray)
-        one.pixels[:20] = 1.0
-        one.saturated[:20] = True
+    assert isinstance(before.pixels, np.ndarray)
+    before.pixels[:20] = 1.0
+    before.saturated[:20] = True
     level = np.full(3, 0.2)
 
     pair = paired((before, after), align=False)
