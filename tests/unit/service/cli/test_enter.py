@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -71,12 +70,20 @@ def test_a_pause_ends_with_what_is_typed_and_drops_the_rest(terminal: int) -> No
         pause(60)
 
 
-def test_a_pause_leaves_the_lines_of_a_program_and_ends_after_them(pipe: int) -> None:
+def test_a_pause_leaves_the_lines_of_a_program_and_ends_after_them(
+    pipe: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class AsleepError(Exception):
+        pass
+
+    def sleep(seconds: float) -> None:
+        raise AsleepError(round(seconds))
+
     os.write(pipe, b"\n")
     os.close(pipe)
-    began = time.monotonic()
-    pause(0.2)
-    assert time.monotonic() - began >= 0.2
+    with monkeypatch.context() as patched, pytest.raises(AsleepError, match="60"):
+        patched.setattr("service.cli.enter.time.sleep", sleep)
+        pause(60)
     assert await_enter(60)
     with pytest.raises(EOFError):
         pause(60)
