@@ -16,7 +16,9 @@ from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import reduce_pair
 from pipeline.photometric_stereo.facing import Facing
+from pipeline.pictures.clipped import shown_layers
 from pipeline.pictures.shown import shown_gain
+from pipeline.pictures.white_balance import whites_of
 from pipeline.progress import Progress
 from pipeline.results.pictures import Pictures, overview, render
 from pipeline.spectra.cameras import Camera, srgb_stand_in
@@ -222,3 +224,23 @@ def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:
         rendered(*OUTPUT_NAMES, progress=progress, strip_rows=16)
 
     assert reports == [0, 0.25]
+
+
+def test_what_is_shown_of_layers_has_clipped_light_in_its_lamps_colour(
+    rendered: Callable[..., Pictures],
+    exact: Callable[..., tuple[Any, Floats64]],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+    model_with_response: Model,
+) -> None:
+    pair = replace(exact(warm_to_cool)[0], white=1.0)
+    pair.no_flash[:8] = 1.0
+
+    found = rendered("response.jpg", pair=pair)
+
+    whites = whites_of(lamps_of(warm_to_cool), model_with_response)
+    shown = shown_layers(found.layers, whites, 1.0)
+    np.testing.assert_array_equal(found.shown_layers, shown)
+    assert found.response is not None
+    np.testing.assert_allclose(found.response, shown.sum(axis=0), rtol=1e-5, atol=1e-6)
+    assert (found.response[2] > found.layers.sum(axis=0)[2]).any()
