@@ -14,7 +14,6 @@ import random
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
 from typing import Any, TypeVar
 
 import sqlalchemy as sa
@@ -25,6 +24,7 @@ from service.answers import JobAnswer
 from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.patience import note
+from service.retry_after import retry_after
 from service.rows import deliveries, jobs
 from service.rows.database import AWAY
 from service.rows.states import State
@@ -134,20 +134,6 @@ def _awaits(job: jobs.Job, number: int) -> bool:
     if job.state == State.EXPIRED or job.delivery is None:
         return False
     return job.delivery["state"] == "pending" and bool(job.delivery["attempts"] < number)
-
-
-def retry_after(header: str) -> float:
-    """Read a Retry-After header, seconds or a date; seconds from now, 0 for what is neither."""
-    if header.isascii() and header.isdecimal():
-        return float(header[:9])
-    try:
-        wanted = parsedate_to_datetime(header)
-    except (ValueError, OverflowError):
-        return 0.0
-    if wanted.tzinfo is None:
-        wanted = wanted.replace(tzinfo=UTC)
-    # Not turned into UTC: there is no such date for the last hours of the year 9999.
-    return max((wanted - datetime.now(UTC)).total_seconds(), 0.0)
 
 
 def _headers(message_id: str, secret: str, body: bytes) -> dict[str, str]:

@@ -17,6 +17,7 @@ import httpx
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
+from service.retry_after import retry_after
 from service.rows.states import ENDED
 
 _POLL_SECONDS = 0.3
@@ -330,8 +331,7 @@ def _stranger(response: httpx.Response) -> ServiceAwayError:
 def _refusal(response: httpx.Response) -> Exception:
     failure = _failure(_problem(response), response.status_code)
     if isinstance(failure, ServiceAwayError):
-        told = response.headers.get("retry-after", "")
-        failure.retry_seconds = float(told) if re.fullmatch(r"\d{1,9}", told) else 0.0  # or a date
+        failure.retry_seconds = retry_after(response.headers.get("retry-after", ""))
     return failure
 
 

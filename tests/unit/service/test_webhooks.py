@@ -5,8 +5,6 @@ import logging
 import random
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
-from email.utils import format_datetime
 from typing import Any
 
 import pytest
@@ -19,7 +17,7 @@ from service.outgoing import Answer, UnansweredError
 from service.rows import attempts, deliveries, expiry, jobs
 from service.rows.states import State
 from service.settings import Settings
-from service.webhooks import Deliverer, queue_deliveries, retry_after
+from service.webhooks import Deliverer, queue_deliveries
 from tests.unit.service.asking import stored
 from tests.unit.service.at_first import raising
 from tests.unit.service.receiver import SECRET, receiving
@@ -434,26 +432,6 @@ def test_a_receiver_may_ask_for_a_pause(
     _answers(monkeypatch, status, header)
     _deliver(engine, queue)
     assert low <= queue.queued[1][2] <= high
-
-
-def test_retry_after_may_be_a_date() -> None:
-    date = format_datetime(datetime.now(UTC) + timedelta(hours=1), usegmt=True)
-    assert 3590 < retry_after(date) <= 3600
-    assert retry_after("Wed, 21 Oct 2015 07:28:00 GMT") == 0.0
-    far = f"Fri, 31 Dec 9999 23:59:59 +{'9' * 30}"
-    assert [retry_after(text) for text in ("", "-5", "soon", "²", "1.5", far)] == [0.0] * 6
-
-
-@pytest.mark.parametrize("zone", ["GMT", "-0000", ""])
-def test_a_date_of_no_zone_is_in_utc(zone: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TZ", "Asia/Tokyo")
-    time.tzset()
-    try:
-        date = f"{datetime.now(UTC) + timedelta(hours=1):%a, %d %b %Y %H:%M:%S} {zone}"
-        assert 3590 < retry_after(date) <= 3600
-    finally:
-        monkeypatch.undo()
-        time.tzset()
 
 
 def test_the_queue_takes_an_attempt_once(context: Context) -> None:

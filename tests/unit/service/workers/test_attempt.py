@@ -7,6 +7,7 @@ import sqlite3
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from obstore.exceptions import GenericError
 from service.api.context import Context
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.frames import FRAMES
-from service.object_keys import describe_inputs, inputs_key, results_key
+from service.object_keys import inputs_key, results_key
 from service.rows import attempts, database, expiry, jobs, kept
 from service.rows.states import State
 from service.settings import Settings
@@ -28,7 +29,7 @@ from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored
 from tests.unit.service.at_first import at_first, raising
-from tests.unit.service.attempts import attempt_at
+from tests.unit.service.attempts import attempt_at, attempt_once
 
 Run = Callable[[], jobs.Job | None]
 
@@ -42,25 +43,7 @@ def settings(settings: Settings) -> Settings:
 @pytest.fixture
 def run(context: Context) -> Run:
     """Make one attempt at a job of two photographs; the job afterwards, None when deleted."""
-
-    def attempt() -> jobs.Job | None:
-        for frame in FRAMES:
-            context.storage.put(inputs_key("a", frame), frame.encode())
-        values: dict[str, Any] = {
-            "id": "a",
-            "options": {},
-            "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "")),
-            "trace_id": "1" * 32,
-            "request_hash": "",
-        }
-        with context.engine.begin() as connection:
-            jobs.add(connection, values)
-            held = attempts.claim(connection, "a", "w")
-        attempt_at(held, context).run()
-        with context.engine.connect() as connection:
-            return jobs.find(connection, "a")
-
-    return attempt
+    return partial(attempt_once, context)
 
 
 @pytest.mark.parametrize(
@@ -219,26 +202,6 @@ def test_calibrations_for_a_setup_alone_are_kept_for_ever(
     assert ended.finished is not None
     kept_until = ended.expires and round(ended.expires - ended.finished)
     assert kept_until == (None if for_ever else 2 * 86400)
-
-
-def test_a_calibration_that_is_deleted_at_this_moment_is_left_out(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def gone(_connection: sa.Connection, job: jobs.Job) -> list[jobs.Job]:
-        return [replace(job, id="gone", options={"kind": "flash", "setup": "desk"})]
-
-    brought: list[object] = []
-
-    def work(task: Task, *_rest: object) -> None:
-        brought.append(kept.read(Path(task.directory)))
-        raise CrashError("It crashed.")
-
-    monkeypatch.setattr(kept, "for_separation", gone)
-    monkeypatch.setattr(sandbox, "run", work)
-    job = run()
-    assert brought == [[]]
-    assert job is not None and job.error is not None
-    assert job.error["detail"] == "It crashed."
 
 
 def test_an_attempt_that_was_canceled_leaves_no_results(
