@@ -30,7 +30,8 @@ def _colour() -> ModuleType:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"(?s).*related API features are not available")
         import colour
-    return colour
+    library: ModuleType = colour
+    return library
 
 
 @cache

@@ -309,12 +309,10 @@ def test_normal_maps_agree(
     scene: Callable[..., Any], separated: Callable[..., Any], lights_file: Callable[..., Path]
 ) -> None:
     """The PNG holds (n + 1)/2 of the EXR's unit vectors, and 0 where nothing is known."""
-    found = scene(3, "objects")
-    told = lights_file("strength", "rgb")
-    results = separated(found.dng, *NORMALS, "--light-directions", told)
+    found = scene(3, "objects", (180, 120))
 
-    assert results.normal_error(found.truth) < 2.5
-    assert min(likeness(results, found.truth)) > 0.98
+    results = separated(found.dng, *NORMALS, "--light-directions", lights_file())
+
     normals = results.exr("normals.exr")
     codes = imagecodecs.png_decode((results.folder / "normals.png").read_bytes())
 
@@ -328,13 +326,14 @@ def test_normal_maps_agree(
 def test_normals_need_the_focal_length_or_warn(
     scene: Callable[..., Any], separated: Callable[..., Any], lights_file: Callable[..., Path]
 ) -> None:
-    """By sixteen degrees, which a small picture shows as well: a wrong guess takes long to fit."""
+    """By sixteen degrees, which a small picture shows as well: a wrong guess takes long to fit.
+
+    test_normals_of_an_exact_pair holds what comes of the right one.
+    """
     found = scene(3, "objects", (120, 80))
     flags = (*NIKON, *NORMALS, "--light-directions", lights_file("strength", "rgb"))
 
     guessed = separated(found.exact, *flags)
-    known = separated(found.exact, *flags, "--focal-px", found.truth.focal_px)
 
     assert "focal_length_assumed" in guessed.warnings()
-    assert known.normal_error(found.truth) < 2
     assert guessed.normal_error(found.truth) > 8
