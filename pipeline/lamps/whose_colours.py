@@ -27,6 +27,12 @@ _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
+_BETTER_RENDERED = (
+    " Where the camera gives none, lock its white balance for both, and choose a rendering without "
+    "HDR, added contrast and strong colours."
+)
+"""How a warning of renderings goes on: what they lose most by (docs/trials/renderings.md)."""
+
 _NOT_ITS_VALUES = (
     " The camera named describes the values of its sensor, which these are not: leave it out."
 )
@@ -112,14 +118,15 @@ def no_sensors_values(frame: Frame, named: bool, result: str) -> RunWarning:
 
     named: whether the user named a camera. result: what is approximate for it, in words.
     """
+    otherwise = ""
     if frame.encoding == "srgb":
         code, what = Code.RENDERED_SRGB, "are rendered to sRGB, which bends colours and brightness"
-        files = "RAW or linear"
+        files, otherwise = "RAW or linear", _BETTER_RENDERED
     else:
         code, files = Code.CAMERA_APPROXIMATE, "RAW"
         what = "hold linear values in the colours that their profile says, not those of a sensor"
     message = f"The photographs {what}: {result} is approximate. Send {files} files for exact work."
-    return RunWarning(code, message + (_NOT_ITS_VALUES if named else ""))
+    return RunWarning(code, message + otherwise + (_NOT_ITS_VALUES if named else ""))
 
 
 def camera_doubts(

@@ -30,7 +30,11 @@ from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated,
 def test_rendered_files_are_warned_of(files: Callable[..., Files], tmp_path: Path) -> None:
     manifest = separated(files(write=png), tmp_path, camera=None, outputs=[])
 
-    assert "rendered_srgb" in codes(manifest)
+    (warning,) = (w for w in manifest["warnings"] if w["code"] == "rendered_srgb")
+    assert warning["message"].endswith(
+        "Send RAW or linear files for exact work. Where the camera gives none, lock its white "
+        "balance for both, and choose a rendering without HDR, added contrast and strong colours."
+    )
     assert manifest["camera"] == {"name": "sRGB", "source": "stand-in"}
 
 
