@@ -60,7 +60,7 @@ def _at_most_three(value: object) -> object:
     return value
 
 
-Lights = Annotated[
+LampCount = Annotated[
     Literal["auto", 1, 2, 3],
     BeforeValidator(_at_most_three),
     # Programs that make clients out of the schema know no list of words and numbers.
@@ -68,7 +68,7 @@ Lights = Annotated[
         {"anyOf": [{"const": "auto", "type": "string"}, {"enum": [1, 2, 3], "type": "integer"}]}
     ),
 ]
-"""Number of lamps that is asked for."""
+"""How many lamps are asked for; "auto": the program counts them."""
 
 
 MOST_ROWS = 2000
@@ -213,7 +213,7 @@ class Options(PairOptions):
         "`flash_spectrum` and `light_directions` where these are not given; `none`: none of them.",
     )
 
-    lights: Lights = Field(default="auto", description="Number of lamps.")
+    lights: LampCount = Field(default="auto", description="Number of lamps.")
     method: Method = Field(
         default="best", description="paper: as published (Hui et al. 2018); best: ours."
     )
@@ -292,7 +292,7 @@ class Options(PairOptions):
         return self
 
     @property
-    def number_of_lamps(self) -> Lights:
+    def number_of_lamps(self) -> LampCount:
         """The number of lamps asked for, which their directions tell, too."""
         if self.lights != "auto" or self.light_directions is None:
             return self.lights

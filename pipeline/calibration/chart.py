@@ -16,7 +16,7 @@ from pipeline.calibration.chart_layout import (
     tint_misfit,
 )
 from pipeline.calibration.evenness import check_even
-from pipeline.calibration.light import mean_light
+from pipeline.calibration.lamps_and_flash import mean_light
 from pipeline.calibration.marks import disc
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches

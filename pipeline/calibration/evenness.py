@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Floats, Floats64
-from pipeline.calibration.light import lights_of
+from pipeline.calibration.lamps_and_flash import lamps_and_flash
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
 from pipeline.pair.pair import Pair
@@ -59,5 +59,5 @@ def _cells(pair: Pair, open_: Mask) -> tuple[Floats64, Floats64, Floats64]:
         return np.stack(sums, axis=1) / counts[:, None]
 
     no_flash, flash = (means(frame[at[:, 0], at[:, 1]]) for frame in (pair.no_flash, pair.flash))
-    lights = lights_of(pair, no_flash, flash, counts[:, None].astype(float))
+    lights = lamps_and_flash(pair, no_flash, flash, counts[:, None].astype(float))
     return lights.flash, lights.flash_variance, 2 * means(scaled) - 1

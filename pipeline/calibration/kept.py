@@ -57,7 +57,7 @@ class Kept(BaseModel):
                 return parse_sensitivities(data)
             if self.kind == "flash":
                 return parse_spectrum(data)
-            return _Lights.model_validate_json(data).lights
+            return _LampsFile.model_validate_json(data).lights
         except OptionError as error:
             raise OptionError(_refused(repr(self.name), self.setup, f". {error}")) from error
         except ValidationError as error:
@@ -65,7 +65,7 @@ class Kept(BaseModel):
             raise OptionError(_refused(repr(self.name), self.setup, f": {reason}.")) from error
 
 
-class _Lights(BaseModel):
+class _LampsFile(BaseModel):
     """The file of lamps' directions."""
 
     lights: list[DirectedLight]

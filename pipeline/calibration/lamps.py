@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.calibration.light import lights_of
+from pipeline.calibration.lamps_and_flash import lamps_and_flash
 from pipeline.calibration.marks import disc
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps, fit_one_more
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
-from pipeline.options import Circle, Lights
+from pipeline.options import Circle, LampCount
 from pipeline.pair.pair import Pair
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
@@ -64,7 +64,7 @@ class LampsEstimate:
     one_more: bool = False
 
 
-def matt_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
+def matt_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) -> LampsEstimate:
     """Find the lamps that light a matt grey sphere.
 
     sphere: its outline, which is trusted to two hundredths of its radius. focal_px: focal length
@@ -144,7 +144,9 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
     if whole.sum() < _LEAST_BLOCKS:  # of pixels that are scattered few spoil most blocks
         raise UnusablePairError(_CLIPPED)
     rows, columns = np.nonzero(whole)
-    lights = lights_of(pair, means(pair.no_flash[:])[whole], means(pair.flash[:])[whole], side**2)
+    lights = lamps_and_flash(
+        pair, means(pair.no_flash[:])[whole], means(pair.flash[:])[whole], side**2
+    )
     x, y = ((at.astype(np.float64) + 0.5) * side for at in (columns, rows))
     return SphereLight(x, y, sphere, focal_px, (width, height), lights)
 

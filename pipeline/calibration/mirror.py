@@ -15,7 +15,7 @@ from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError, counted
 from pipeline.images.frames import Image, Mask
-from pipeline.options import Circle, Lights
+from pipeline.options import Circle, LampCount
 from pipeline.pair.pair import Pair
 from pipeline.vectors import angles_deg, unit
 
@@ -35,7 +35,7 @@ _GLOW_PX = 2  # how far lenses spread a highlight
 _Spot = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns (n,) of pixels
 
 
-def mirror_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
+def mirror_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) -> LampsEstimate:
     """Find the lamps that a mirror sphere reflects.
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
@@ -83,7 +83,7 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> 
     )
 
 
-def _unlike(shown: int, count: Lights) -> str:
+def _unlike(shown: int, count: LampCount) -> str:
     """Sentence on a number of highlights other than what was asked for."""
     highlights = counted(shown, "highlight of a lamp", "highlights of lamps")
     if count == "auto":

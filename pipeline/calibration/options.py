@@ -10,7 +10,7 @@ from pipeline.options import (
     NO_SETUP,
     Circle,
     FocalLength,
-    Lights,
+    LampCount,
     PairOptions,
     Sensitivities,
     SetUp,
@@ -93,7 +93,7 @@ class LampsCalibration(KeptOptions):
         description="The sphere is a mirror: lamps are seen by their highlights; their strengths "
         "and colours only where no highlight is clipped.",
     )
-    lights: Lights = Field(default="auto", description="Number of lamps.")
+    lights: LampCount = Field(default="auto", description="Number of lamps.")
     focal_px: FocalLength | None = Field(
         default=None,
         description="Focal length in pixels; default from EXIF, else 50 mm-equivalent.",

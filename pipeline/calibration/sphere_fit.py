@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.light import Lights
+from pipeline.calibration.lamps_and_flash import LampsAndFlash
 from pipeline.calibration.sphere import SphereView, view_sphere
 from pipeline.options import Circle
 from pipeline.vectors import unit
@@ -55,7 +55,7 @@ class SpherePixels:
 class SphereLight(SpherePixels):
     """Pixels of a sphere, and the light that they show. lights: of each, all (n, 3)."""
 
-    lights: Lights
+    lights: LampsAndFlash
 
 
 @dataclass(frozen=True)

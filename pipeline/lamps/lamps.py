@@ -28,7 +28,7 @@ from pipeline.matrixfit.fit import (
 )
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, places_alone
-from pipeline.options import Lights, Method
+from pipeline.options import LampCount, Method
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import RunWarning
 from pipeline.vectors import angles_deg, unit
@@ -67,7 +67,7 @@ class Lamps:
     matrices: Matrix
     deviations: Deviations
     channel_weights: Floats64
-    requested: Lights
+    requested: LampCount
     confidence: float
     lamp_confidence: Floats64
     pinned: NDArray[np.int64]
@@ -100,7 +100,7 @@ class Lamps:
 def estimate_lamps(
     reduced: ReducedPair,
     model: Model,
-    requested: Lights,
+    requested: LampCount,
     method: Method,
     known: Known | None = None,
 ) -> Lamps:

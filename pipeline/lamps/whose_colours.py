@@ -15,7 +15,7 @@ from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, first_fit
 from pipeline.matrixfit.known import nothing_known
-from pipeline.options import Lights
+from pipeline.options import LampCount
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, balanced, find_camera, srgb_stand_in, typical_sensor
@@ -52,7 +52,7 @@ def names_no_camera(camera: Camera, frame: Frame) -> bool:
 def likely_camera(
     reduced: ReducedPair,
     flash: Floats64,
-    requested: Lights,
+    requested: LampCount,
     sensor: Camera | None,
     build: Callable[[Camera], Model],
 ) -> Camera:

@@ -13,7 +13,7 @@ from pipeline.hui2018.normals import inverse_directions
 from pipeline.images.frames import Photograph
 from pipeline.images.quantiles import quantile
 from pipeline.matrixfit.fit import MOST_LAMPS
-from pipeline.options import Lights, Options
+from pipeline.options import LampCount, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
 from pipeline.photometric_stereo.directions import unit_directions
 from pipeline.result_names import LAYERS
@@ -118,7 +118,7 @@ def white_warnings(
     return [RunWarning(Code.ABOVE_WHITE, message, {"share": share, "brightest": most})]
 
 
-def _check_psd(size: tuple[int, int], lamps: Lights) -> None:
+def _check_psd(size: tuple[int, int], lamps: LampCount) -> None:
     if lamps != "auto":
         check_psd_size(size, lamps)
         return

@@ -13,7 +13,7 @@ from pipeline.calibration.lamps import LampsEstimate, matt_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise
-from pipeline.options import Circle, Lights
+from pipeline.options import Circle, LampCount
 from pipeline.pair.pair import Pair
 from pipeline.vectors import unit
 from tests.targets import CIRCLE, FOCAL_PX, Shot, photograph_sphere
@@ -228,7 +228,7 @@ def test_one_lamp_more_than_were_told_is_noticed(pair_of: Callable[..., Pair]) -
 def test_one_lamp_more_counts_where_it_explains_much(
     dim: Callable[..., Pair],
     monkeypatch: pytest.MonkeyPatch,
-    told: Lights,
+    told: LampCount,
     cost: float,
     one_more: bool,
 ) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.calibration import sphere_fit as module
-from pipeline.calibration.light import Lights
+from pipeline.calibration.lamps_and_flash import LampsAndFlash
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.options import Circle
 from pipeline.vectors import unit
@@ -60,7 +60,9 @@ def seen(
     flash = albedo * by_flash[:, None] * [0.8, 1.0, 0.6]
     by_flash = flash * (1 + flash_noise * random.standard_normal(flash.shape))
     variances = 1e-8 + (noise * lit) ** 2, 1e-8 + (flash_noise * flash) ** 2
-    return SphereLight(x, y, marked or circle, focal_px, SIZE, Lights(lit, by_flash, *variances))
+    return SphereLight(
+        x, y, marked or circle, focal_px, SIZE, LampsAndFlash(lit, by_flash, *variances)
+    )
 
 
 def errors(found: SphereFit, lamps: Floats64) -> tuple[Floats64, list[int]]:
@@ -196,7 +198,7 @@ def test_the_rim_does_not_count() -> None:
     nonsense = np.tile([0.5, 0.1, 0.9], (len(angle), 1))
     values = light.lights
     parts = values.lamps, values.flash, values.lamps_variance, values.flash_variance
-    with_rim = Lights(*(np.vstack([part, nonsense]) for part in parts))
+    with_rim = LampsAndFlash(*(np.vstack([part, nonsense]) for part in parts))
     rimmed = replace(light, x=np.append(light.x, x), y=np.append(light.y, y), lights=with_rim)
 
     np.testing.assert_array_equal(fit_lamps(rimmed, 1).directions, fit_lamps(light, 1).directions)
@@ -238,7 +240,7 @@ def test_errors_of_the_flash_scale_with_its_light() -> None:
     lights = bright.lights
     dark = replace(
         bright,
-        lights=Lights(
+        lights=LampsAndFlash(
             0.01 * lights.lamps,
             0.01 * lights.flash,
             1e-4 * lights.lamps_variance,

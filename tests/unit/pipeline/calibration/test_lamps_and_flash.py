@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.calibration.light import lights_of, mean_light
+from pipeline.calibration.lamps_and_flash import lamps_and_flash, mean_light
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise
 from pipeline.pair.pair import Pair
@@ -49,7 +49,7 @@ def test_a_flash_part_alone_is_taken_as_it_is(flat: Callable[..., Pair]) -> None
 
 def test_means_of_blocks_are_less_noisy(flat: Callable[..., Pair]) -> None:
     value = np.array([0.3, 0.3, 0.3])
-    one, nine = (lights_of(flat(), value, 2 * value, averaged) for averaged in (1.0, 9.0))
+    one, nine = (lamps_and_flash(flat(), value, 2 * value, averaged) for averaged in (1.0, 9.0))
     assert nine.flash == pytest.approx(value)
     assert nine.lamps_variance == pytest.approx(one.lamps_variance / 9)
 
@@ -57,7 +57,7 @@ def test_means_of_blocks_are_less_noisy(flat: Callable[..., Pair]) -> None:
 def test_each_photograph_has_its_own_noise(flat: Callable[..., Pair]) -> None:
     value = np.array([0.3, 0.3, 0.3])
     pair = replace(flat(), flash_noise=Noise(np.zeros(3), np.full(3, 4e-6)))
-    found = lights_of(pair, value, 2 * value, 1.0)
+    found = lamps_and_flash(pair, value, 2 * value, 1.0)
     assert found.lamps_variance == pytest.approx(3.1e-5)
     assert found.flash_variance == pytest.approx(3.5e-5)
 

@@ -17,10 +17,10 @@ _UNLIT = 4.0  # standard deviations
 
 
 @dataclass(frozen=True)
-class Lights:
-    """Light of a pair's pixels or areas: the lamps' alone and the flash's alone, (…, 3) each.
+class LampsAndFlash:
+    """Light of a pair's pixels or areas, (…, 3) linear camera RGB: the lamps', and the flash's.
 
-    lamps_variance, flash_variance: (…, 3) of them.
+    lamps_variance, flash_variance: (…, 3), of either by noise.
     """
 
     lamps: Floats64
@@ -29,22 +29,26 @@ class Lights:
     flash_variance: Floats64
 
 
-def lights_of(
+def lamps_and_flash(
     pair: Pair,
     no_flash: Floats,
     flash: Floats,
     averaged: float | Floats,
-) -> Lights:
-    """Light of values (…, 3) of the pair's photographs, means of so many neighbouring pixels."""
+) -> LampsAndFlash:
+    """Split values of a pair's photographs into the light of the lamps and that of the flash.
+
+    no_flash, flash: (…, 3) linear camera RGB, as pair.no_flash and pair.flash have it. averaged:
+    how many neighbouring pixels each value is the mean of, a number or (…, 1), for the variances.
+    """
     lamps, both = np.asarray(no_flash, np.float64), np.asarray(flash, np.float64)
     lamps_variance = pair.no_flash_noise.variance(lamps, averaged)
     flash_variance = pair.flash_noise.variance(both, averaged)
     if pair.flash_only:
-        return Lights(lamps, both, lamps_variance, flash_variance)
-    return Lights(lamps, both - lamps, lamps_variance, flash_variance + lamps_variance)
+        return LampsAndFlash(lamps, both, lamps_variance, flash_variance)
+    return LampsAndFlash(lamps, both - lamps, lamps_variance, flash_variance + lamps_variance)
 
 
-def mean_light(pair: Pair, mask: Mask, what: str) -> Lights:
+def mean_light(pair: Pair, mask: Mask, what: str) -> LampsAndFlash:
     """Mean light (3,) of an area that shows one surface.
 
     mask: bool (H, W). what: the area as messages call it. Raises OptionError for an area too
@@ -63,7 +67,7 @@ def mean_light(pair: Pair, mask: Mask, what: str) -> Lights:
         )
     open_ = mask & ~pair.unusable
     no_flash, flash = (frame[open_].mean(axis=0) for frame in (pair.no_flash, pair.flash))
-    found = lights_of(pair, no_flash, flash, float(open_.sum()))
+    found = lamps_and_flash(pair, no_flash, flash, float(open_.sum()))
     unlit = found.flash <= _UNLIT * np.sqrt(found.flash_variance)
     if unlit.all():
         raise UnusablePairError(
