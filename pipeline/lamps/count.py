@@ -19,7 +19,7 @@ from pipeline.arrays import Floats64
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
-from pipeline.matrixfit.fourth import gain_of_fourth
+from pipeline.matrixfit.fourth_lamp import gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.surface_colours import scatter_within_colours
 from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained

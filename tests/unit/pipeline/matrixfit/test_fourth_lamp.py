@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.light.model import Model
 from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fourth import gain_of_fourth
+from pipeline.matrixfit.fourth_lamp import gain_of_fourth
 from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 

@@ -1,4 +1,4 @@
-"""A fourth light at the edges of shadows and in pools of light, which three lamps do not give."""
+"""Signs of a fourth lamp: shadow edges and pools of light in a colour that no three lamps give."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from pipeline.vectors import angles_deg, unit
 
 _LEVEL = 0.004
 _DATA = 1600
-_OWN_DEGREES = 3.4  # from a lamp: twice the scatter of its colour over reflectances
+_OWN_DEGREES = 3.4  # from a lamp, in colour: twice the scatter of its colour over reflectances
 
 
 def gain_of_fourth(evidence: Evidence, model: Model, matrices: Floats64) -> float:
     """How much log likelihood one more light adds to three lamps (3, 3, 3), 0 or more.
 
-    It is that of the differences across edges of shadows, and where there are pools, the mean of
-    theirs and that of the pools. The light is the best of the fit's own starts, for each, but for
-    those in the colours of the three: it would be one of these, on surfaces that are shown amiss.
+    The gain is told by differences across edges of shadows and, where there are any, by pools of
+    light: their mean. For each kind the light is whichever of the fit's starting points gains most.
+    Those within 3.4° of one of the three lamps are left out: they would be this lamp again, on
+    surfaces whose colour its matrix misses.
     """
     if not len(evidence.differences):
         return 0.0
@@ -36,7 +37,7 @@ def gain_of_fourth(evidence: Evidence, model: Model, matrices: Floats64) -> floa
 
 
 def _gain(evidence: Evidence, model: Model, matrices: Floats64) -> float:
-    """As gain_of_fourth, of the differences alone."""
+    """As gain_of_fourth, told by evidence.differences alone."""
     lights = model.lamp_matrix(start_points(evidence, model.tensor))
     more = model.prior.matrices(model.prior.coordinates(lights))
     more = more[_degrees_off(more, model, matrices) >= _OWN_DEGREES]
