@@ -33,12 +33,13 @@ _MIN_FACING = 0.05  # n·v of a visible surface
 
 
 @dataclass(frozen=True)
-class Photometry:
-    """The lamps as normals need them, in the order of the user's list.
+class DirectedLamps:
+    """The three lamps whose directions the user told, in the order of the user's list.
 
     matrices: (3, 3, 3) T_j, flash part → lamp. greens: (3,) green response of a white card that
-    lamp j lights like the flash does. inverse: (3, 3), relative brightness q → scaled normal.
-    strengths: (3,) relative strengths, as given or as estimated.
+    lamp j lights like the flash does. inverse: (3, 3) L⁻¹ of the directions, each column by its
+    lamp's strength e: relative brightness q → scaled normal. strengths: (3,) e, relative, as given
+    or as estimated.
     """
 
     matrices: Matrix
@@ -47,20 +48,20 @@ class Photometry:
     strengths: Floats64
 
 
-def solve_photometry(
+def assign_lamps(
     lights: Sequence[DirectedLight],
     reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
     focal_px: float,
-) -> Photometry:
-    """Settle which lamp is which light, and the strengths that were not given.
+) -> DirectedLamps:
+    """Tell which of the lamps found shines from which direction, and how strong each is.
 
-    lights: three. With `rgb` for all of them these name the lamps found, or stand in for them
-    where that gives the better normals; else the lamps found are assigned so that the normals are
-    most integrable, among the ways in which they are most like the `rgb` given. Strengths follow
-    from the flash, which sits at the camera: relative to it, the scaled normal has the same
-    component towards the camera in every pixel. focal_px: of the full-size picture.
+    lights: three directions. Every assignment that goes with the `rgb` given is tried, and the one
+    taken whose normals are most integrable. Where all three have `rgb`, lamps of these colours are
+    tried, too, in place of those found. Strengths follow from the flash, which sits at the camera:
+    relative to it, the scaled normal has the same component towards the camera in every pixel.
+    focal_px: of the full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
     """
     inverse = inverse_directions(lights)
@@ -77,7 +78,7 @@ def solve_photometry(
         field = _field(inverse / strengths, q)
         tried.append((_unevenness(field, use) + spread, strengths, matrices, greens))
     _, strengths, matrices, greens = min(tried, key=lambda one: one[0])
-    return Photometry(matrices, greens, inverse / strengths, strengths)
+    return DirectedLamps(matrices, greens, inverse / strengths, strengths)
 
 
 def inverse_directions(lights: Sequence[DirectedLight]) -> Floats64:
@@ -110,16 +111,16 @@ def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> 
     return [model.lamp_matrix(colours), *found]
 
 
-def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
+def published_normals(strip: Strip, lamps: Lamps, directed: DirectedLamps) -> Image:
     """Unit normals (h, W, 3), n ∝ L⁻¹(q/e): x right, y up, z to the viewer.
 
     NaN where one of the lamps does not shine, where nothing is known of the flash part, and where
     the surface would face away.
     """
     q = _relative_brightness(
-        strip.no_flash, strip.flash, photometry.matrices, photometry.greens, lamps.channel_weights
+        strip.no_flash, strip.flash, directed.matrices, directed.greens, lamps.channel_weights
     )
-    field = _field(photometry.inverse, q)
+    field = _field(directed.inverse, q)
     lit = (q > _MIN_SHARE * q.max(axis=0)).all(axis=0)
     known = lit & (strip.confidence > _MIN_CONFIDENCE) & (field[..., 2] > 0)
     return np.where(known[..., None], field, np.float32(np.nan))
@@ -159,7 +160,7 @@ def _view(reduced: ReducedPair, focal_px: float) -> Floats64:
 def _strengths(
     lights: Sequence[DirectedLight], inverse: Floats64, q: Floats32, view: Floats64
 ) -> tuple[Floats64, float]:
-    """Effective strengths from v·L⁻¹(q/e) = constant over pixels (n,), and how far it is none.
+    """Strengths e (3,) that make v·L⁻¹(q/e) the same in all pixels (n,), and how far it is not.
 
     Strengths given are where the search starts and hold where pixels say little (all surfaces
     parallel): an error of the lamps' matrices is an error of q's scale, so that even a strength
@@ -187,9 +188,9 @@ def _strengths(
 
 
 def _unevenness(field: Image, use: NDArray[np.bool_]) -> float:
-    """How far normals are from the normals of a surface: curl against slope changes, median.
+    """How far normals (h, w, 3) are from those of a surface: mean of curl ÷ change of slopes.
 
-    Pixels that would face away count as fully uneven.
+    use: (h, w), the pixels that count; of these, such as would face away count as fully uneven.
     """
     facing = field[..., 2]
     slope = -field[..., :2] / np.where(np.abs(facing) < _MIN_FACING, _MIN_FACING, facing)[..., None]

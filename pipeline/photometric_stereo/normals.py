@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from pipeline.hui2018.normals import normals, solve_photometry
+from pipeline.hui2018.normals import assign_lamps, published_normals
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
 from pipeline.options import DirectedLight, Method
@@ -30,15 +30,15 @@ def find_facing(
     method: Method,
     progress: Progress,
 ) -> Facing:
-    """Solve for what normals need; see solve_surface ("best") and solve_photometry ("paper").
+    """Solve for what normals need; see solve_surface ("best") and assign_lamps ("paper").
 
     Raises OptionError for directions nearly in a plane, and where there are not three lamps;
     UnusablePairError where hardly anything is lit; Canceled.
     """
     if method == "paper":
-        photometry = solve_photometry(lights, reduced, lamps, model, focal_px)
-        of = partial(normals, lamps=lamps, photometry=photometry)
-        return Facing(of, photometry.strengths, None)
+        directed = assign_lamps(lights, reduced, lamps, model, focal_px)
+        of = partial(published_normals, lamps=lamps, directed=directed)
+        return Facing(of, directed.strengths, None)
     bank = LampBank(model.camera.sensitivities, model.flash)
     surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
     of = partial(surface_normals, surface=surface)

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
-from pipeline.hui2018.normals import normals, solve_photometry
+from pipeline.hui2018.normals import assign_lamps, published_normals
 from pipeline.images.frames import Image
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
@@ -119,8 +119,8 @@ def found_normals(
 
     def run(given: list[DirectedLight]) -> tuple[Image, Floats64]:
         pair, strip = shone()
-        photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
-        return normals(strip, lamps, photometry), photometry.strengths
+        directed = assign_lamps(given, reduce_pair(pair), lamps, model, FOCAL_PX)
+        return published_normals(strip, lamps, directed), directed.strengths
 
     return run
 
@@ -163,9 +163,9 @@ def test_lights_are_assigned_so_that_the_normals_are_those_of_a_surface(
     pair, strip = shone(saddle(), focal_px=far_px, glossy=0.1)
     given = lights(order, strengths=(None, None, None))
 
-    photometry = solve_photometry(given, reduce_pair(pair), lamps, model, far_px)
+    directed = assign_lamps(given, reduce_pair(pair), lamps, model, far_px)
 
-    assert np.nanmedian(angles(normals(strip, lamps, photometry), saddle())) < 5
+    assert np.nanmedian(angles(published_normals(strip, lamps, directed), saddle())) < 5
 
 
 @pytest.mark.parametrize("missing", [(0,), (1, 2), (0, 1, 2)])
@@ -214,9 +214,9 @@ def test_strengths_are_found_from_the_sound_pixels(
         reduced.usable[:, :60] = False
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
 
-    photometry = solve_photometry(given, reduced, lamps, model, FOCAL_PX)
+    directed = assign_lamps(given, reduced, lamps, model, FOCAL_PX)
 
-    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.05)
+    np.testing.assert_allclose(relative(directed.strengths), STRENGTHS, rtol=0.05)
 
 
 def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
@@ -228,9 +228,9 @@ def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
     reduced = replace(reduce_pair(shone()[0]), block=3)
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
 
-    photometry = solve_photometry(given, reduced, lamps, model, 3 * FOCAL_PX)
+    directed = assign_lamps(given, reduced, lamps, model, 3 * FOCAL_PX)
 
-    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
+    np.testing.assert_allclose(relative(directed.strengths), STRENGTHS, rtol=0.01)
 
 
 def test_the_cameras_axis_goes_through_the_middle_of_what_was_dropped_too(
@@ -248,9 +248,9 @@ def test_the_cameras_axis_goes_through_the_middle_of_what_was_dropped_too(
     )
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
 
-    photometry = solve_photometry(given, cut, lamps, model, FOCAL_PX)
+    directed = assign_lamps(given, cut, lamps, model, FOCAL_PX)
 
-    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
+    np.testing.assert_allclose(relative(directed.strengths), STRENGTHS, rtol=0.01)
 
 
 def test_on_a_flat_surface_the_strengths_given_hold(
@@ -263,12 +263,10 @@ def test_on_a_flat_surface_the_strengths_given_hold(
     wall = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (HEIGHT, WIDTH, 3))
     pair, strip = shone(wall)
 
-    photometry = solve_photometry(
-        lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
-    )
+    directed = assign_lamps(lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX)
 
-    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.02)
-    assert np.nanmedian(angles(normals(strip, lamps, photometry), wall)) < 0.5
+    np.testing.assert_allclose(relative(directed.strengths), STRENGTHS, rtol=0.02)
+    assert np.nanmedian(angles(published_normals(strip, lamps, directed), wall)) < 0.5
 
 
 def test_lengths_of_directions_do_not_matter(
@@ -326,7 +324,7 @@ def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
     lamps: Lamps,
 ) -> None:
     pair, strip = shone()
-    photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
+    directed = assign_lamps(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
     rows = slice(17, 31)
     part = Strip(
         rows,
@@ -337,7 +335,7 @@ def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
     )
 
     np.testing.assert_array_equal(
-        normals(part, lamps, photometry), normals(strip, lamps, photometry)[rows]
+        published_normals(part, lamps, directed), published_normals(strip, lamps, directed)[rows]
     )
 
 
@@ -349,22 +347,20 @@ def test_unknown_normals_are_nan(
 ) -> None:
     """Where a lamp does not shine, and where nothing is known of the flash part."""
     pair, strip = shone()
-    photometry = solve_photometry(
-        lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
-    )
+    directed = assign_lamps(lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX)
     strip.no_flash[:10] -= strip.layers[1, :10]
     strip.no_flash[60:70] -= 0.9 * strip.layers[1, 60:70]  # dim is not dark
     strip.confidence[20:30] = 0
     strip.flash[40:45] = strip.no_flash[40:45] = 0
 
-    found = normals(strip, lamps, photometry)
+    found = published_normals(strip, lamps, directed)
 
     assert np.isnan(found[:10]).all(axis=2).mean() > 0.98
     assert np.isnan(found[20:30]).all()
     assert np.isnan(found[40:45]).all()
     assert np.isfinite(found[50:]).mean() > 0.98
-    away = replace(photometry, inverse=-photometry.inverse)
-    assert np.isnan(normals(strip, lamps, away)).all()
+    away = replace(directed, inverse=-directed.inverse)
+    assert np.isnan(published_normals(strip, lamps, away)).all()
 
 
 def test_directions_that_fix_no_normals_are_refused(
@@ -374,7 +370,7 @@ def test_directions_that_fix_no_normals_are_refused(
     given = [DirectedLight(direction=direction) for direction in ((1, 0, 1), (0, 0, 1), (-1, 0, 1))]
 
     with pytest.raises(OptionError, match="nearly in one plane"):
-        solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
+        assign_lamps(given, reduce_pair(pair), lamps, model, FOCAL_PX)
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -393,10 +389,10 @@ def test_fewer_than_three_lamps_are_refused_unless_all_colours_are_given(
     unnamed = [lights()[j] if not partly or j == 1 else given[j] for j in range(3)]
 
     with pytest.raises(OptionError, match=r"Normals need three lamps, and the number found is \d"):
-        solve_photometry(unnamed, reduce_pair(pair), lamps, model, FOCAL_PX)
+        assign_lamps(unnamed, reduce_pair(pair), lamps, model, FOCAL_PX)
 
-    photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
-    assert np.nanmedian(angles(normals(strip, lamps, photometry), ball())) < 0.5
+    directed = assign_lamps(given, reduce_pair(pair), lamps, model, FOCAL_PX)
+    assert np.nanmedian(angles(published_normals(strip, lamps, directed), ball())) < 0.5
 
 
 def test_a_picture_without_light_has_no_normals(
@@ -414,6 +410,6 @@ def test_a_picture_without_light_has_no_normals(
         confidence=np.ones((40, 50), np.float32),
     )
 
-    photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
+    directed = assign_lamps(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
 
-    assert np.isnan(normals(nothing, lamps, photometry)).all()
+    assert np.isnan(published_normals(nothing, lamps, directed)).all()
