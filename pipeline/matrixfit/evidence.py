@@ -49,41 +49,49 @@ class Evidence:
 
     @property
     def surest(self) -> Evidence:
-        """What lamps are counted and first found by: beside edges of shadows, no pools."""
+        """The part that lamps are counted and first found by: all but pools beside shadow edges."""
         return replace(self, pools=nothing()) if self.has_edges else self
 
 
 def gather_evidence(reduced: ReducedPair) -> Evidence:
     """Draw data from the reduced pair, deterministically."""
-    ratios = readable_light(reduced)
-    use = ratios.use
-    no_flash, flash, v_n, v_f, coupled = _readings(reduced)
+    readings = _readings(reduced)
+    ratios = _readable_light(reduced, readings)
+    usable = max(int(ratios.use.sum()), 1)
     differences, terminators = find_differences(ratios), find_terminators(ratios)
-    usable = max(int(use.sum()), 1)
-    shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
+    difference_share, terminator_share = _count(differences) / usable, _count(terminators) / usable
+    has_edges = difference_share >= _FEW_DIFFERENCES
     # few are chance, and where shadows have edges, soft ones have bends of all lamps beside them
-    if shares[1] < _FEW_TERMINATORS or shares[0] >= _FEW_DIFFERENCES:
-        terminators, shares[1] = [], 0.0
-    has_edges = shares[0] >= _FEW_DIFFERENCES
+    if terminator_share < _FEW_TERMINATORS or has_edges:
+        terminators, terminator_share = [], 0.0
     # terminators are surer, and light that bounces off round things bends on the floor; so are
     # edges where a camera's rendering bends what is straight
-    surer = shares[1] > 0 or (has_edges and reduced.rendered)
+    surer = terminator_share > 0 or (has_edges and reduced.rendered)
     pools = [] if surer else find_pools(ratios)
     # few are chance, where there is no wall; beside edges they only say little
-    if not has_edges and sum(len(part) for part in pools) < _FEW_POOLS * usable:
+    if not has_edges and _count(pools) < _FEW_POOLS * usable:
         pools = []
     return Evidence(
-        _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
+        _pixels(readings, ratios.use),
         drawn(differences, _DIFFERENCES),
         drawn(terminators, _TERMINATORS),
         drawn(pools, _POOLS),
-        *shares,
+        difference_share,
+        terminator_share,
     )
 
 
 def readable_light(reduced: ReducedPair) -> RelativeLight:
-    """Light relative to the flash, of the pixels that tell something of lamps."""
-    no_flash, flash, v_n, v_f, coupled = _readings(reduced)
+    """Light relative to the flash, of the pixels that tell something of lamps.
+
+    These are usable, neither dark nor under hardly any flash, and not too noisy.
+    """
+    return _readable_light(reduced, _readings(reduced))
+
+
+def _readable_light(reduced: ReducedPair, readings: _Readings) -> RelativeLight:
+    no_flash, flash = readings.no_flash, readings.flash
+    v_n, v_f = readings.no_flash_variance, readings.flash_variance
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
     safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
     use = (
@@ -94,14 +102,16 @@ def readable_light(reduced: ReducedPair) -> RelativeLight:
     noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
     if use.any():  # of a very noisy pair, what is least noisy
         use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
-    return relative_light(no_flash, flash, v_n, v_f, use, coupled)
+    return relative_light(no_flash, flash, v_n, v_f, use, readings.coupled)
+
+
+def _count(parts: list[Data]) -> int:
+    return sum(len(part) for part in parts)
 
 
 def evidence_of_area(reduced: ReducedPair, area: Mask) -> Data:
     """What the usable pixels of an area (h, w) show."""
-    n, f, v_n, v_f, coupled = _readings(reduced)
-    use = area & reduced.usable
-    data = _pixels(n[use], f[use], v_n[use], v_f[use], coupled)
+    data = _pixels(_readings(reduced), area & reduced.usable)
     return replace(data, weight=data.weight * (_AREA_WEIGHT / _PIXEL_WEIGHT))
 
 
@@ -118,23 +128,45 @@ def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Data:
     return Data(x, u[:, :2], np.zeros_like(x), weight)
 
 
-def _readings(
-    reduced: ReducedPair,
-) -> tuple[Floats64, Floats64, Floats64, Floats64, float]:
-    """No-flash photograph, flash part, their variances (h, w, 3), and how far they are coupled.
+@dataclass(frozen=True)
+class _Readings:
+    """A reduced pair in double precision, its noise no less than that of the best photograph.
 
-    1 where the flash part is a difference, which has the other's noise as well, 0 where it was
-    given alone.
+    no_flash, flash, no_flash_variance, flash_variance: (h, w, 3), as in ReducedPair. coupled: 1
+    where the flash part is a difference, which has the no-flash photograph's noise as well, 0 where
+    it was given alone: the covariance of both is −coupled · no_flash_variance.
     """
+
+    no_flash: Floats64
+    flash: Floats64
+    no_flash_variance: Floats64
+    flash_variance: Floats64
+    coupled: float
+
+
+def _readings(reduced: ReducedPair) -> _Readings:
     no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
     v_n = np.maximum(reduced.no_flash_variance, (_MIN_NOISE * s_n[..., None]) ** 2)
     coupled = 0.0 if reduced.flash_only else 1.0
     v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2 + coupled * v_n)
-    return no_flash, flash, v_n, v_f, coupled
+    return _Readings(no_flash, flash, v_n, v_f, coupled)
 
 
-def _pixels(n: Floats64, f: Floats64, v_n: Floats64, v_f: Floats64, coupled: float) -> Data:
+def _pixels(readings: _Readings, use: Mask) -> Data:
+    """What pixels (h, w) show, rare light more often; the covariance is that of u − u(x).
+
+    u is the light's chromaticity and x the flash part's, by which a lamp's u changes (by_colour).
+    """
+    n, f, v_n, v_f = (
+        image[use]
+        for image in (
+            readings.no_flash,
+            readings.flash,
+            readings.no_flash_variance,
+            readings.flash_variance,
+        )
+    )
     s_n, s_f = n.sum(axis=1), f.sum(axis=1)
     pick = draw(np.sqrt(s_n) * _rarity(n / s_n[:, None], f / s_f[:, None]), _PIXELS)
     n, f, v_n, v_f, s_n, s_f = (a[pick] for a in (n, f, v_n, v_f, s_n, s_f))
@@ -143,7 +175,7 @@ def _pixels(n: Floats64, f: Floats64, v_n: Floats64, v_f: Floats64, coupled: flo
     m_x = np.eye(3) - x[:, :, None]
     c_u = sandwich(m_u, v_n, m_u) / s_n[:, None, None] ** 2
     c_x = sandwich(m_x, v_f, m_x) / s_f[:, None, None] ** 2
-    c_ux = -coupled * sandwich(m_u, v_n, m_x) / (s_n * s_f)[:, None, None]
+    c_ux = -readings.coupled * sandwich(m_u, v_n, m_x) / (s_n * s_f)[:, None, None]
     j = by_colour(m_u, u, x)
     cross = c_ux @ j.transpose(0, 2, 1)
     c = c_u + j @ c_x @ j.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
@@ -152,7 +184,7 @@ def _pixels(n: Floats64, f: Floats64, v_n: Floats64, v_f: Floats64, coupled: flo
 
 
 def _rarity(u: Floats64, x: Floats64) -> Floats64:
-    """How rare a pixel's light is."""
+    """Weights (n,) of pixels of light u under flash colour x, (n, 3): the rarer, the more."""
     ratio = u / np.maximum(x, _MIN_FLASH_COLOUR)
     ratio = ratio / ratio.sum(axis=1, keepdims=True)
     row, column = np.floor(ratio[:, :2] / _CELL).astype(np.int64).T
