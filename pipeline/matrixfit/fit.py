@@ -101,9 +101,8 @@ def first_fit(
             return exact
     candidates, also = _candidates(evidence, model), published if searched_too else None
     matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
-    mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
-    if mirrored > _MOST_MIRRORED and not reduced.rendered:
-        # a mirror has taken the place of its lamp, as light bounced off a wall can make it
+    if not reduced.rendered and _is_mirror(problem, matrices, level):
+        # as light bounced off a wall can make it
         problem = replace(problem, terms=[without_mirrors(one) for one in problem.terms])
         matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
     cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
@@ -165,8 +164,7 @@ def fit_pools(
     if _leave_much(reduced, evidence, matrices):
         others, other_cost = search(problem, _candidates(evidence, model))
         matrices = others if other_cost < cost - _CLEARLY else matrices
-    mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
-    if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
+    if known.rejects(matrices) or _is_mirror(problem, matrices, level):
         return usual
     return replace(usual, matrices=matrices)
 
@@ -194,13 +192,17 @@ def follow_outwards(
     for share in _FEWER_PURE[lamps]:
         problem = _problem(evidence, model.prior, lamps, False, share, known)
         matrices, _ = follow(problem, [matrices])
-        mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
-        if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
+        if known.rejects(matrices) or _is_mirror(problem, matrices, level):
             break
         left = _left(reduced, evidence, matrices)
         if (left < limits).all() and left[0] < least[0]:
             best, least = matrices, left
     return replace(usual, matrices=best)
+
+
+def _is_mirror(problem: Problem, matrices: Floats64, level: float) -> bool:
+    """Whether a mirrored lamp explains so many differences that it has taken a lamp's place."""
+    return max(most_mirrored(one, matrices, level) for one in problem.terms) > _MOST_MIRRORED
 
 
 def _without_coves(evidence: Evidence, matrices: Floats64) -> Evidence:
