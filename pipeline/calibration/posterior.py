@@ -22,7 +22,9 @@ def smooth(reach_nm: float) -> Floats64:
 def posterior(
     matrix: Floats64, seen: Floats64, variance: Floats64, mean: Floats64, covariance: Floats64
 ) -> tuple[Floats64, float]:
-    """Mean (W,) of a Gaussian spectrum after seeing some numbers, and the log evidence for it.
+    """Mean (W,) of a Gaussian spectrum after seeing some numbers, and the log evidence of it.
+
+    The evidence is but for −n/2 · log 2π, the same for all members of a mixture.
 
     seen = matrix · spectrum, matrix (n, W), with the variance (n,); before that the spectrum has
     the mean (W,) and the covariance (W, W).

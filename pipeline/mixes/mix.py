@@ -1,9 +1,10 @@
 """A mix: the light of every lamp with a brightness and a colour of its own, added up again.
 
-out = tone(Σ_k 2^ev_k · diag(rgb_k) · A_k · B_k · layer_k). B_k takes camera RGB to linear sRGB as
+out = tone(Σ_k 2^ev_k · diag(rgb_k) · M · A_k · B_k · layer_k). B_k takes camera RGB to CIE XYZ as
 the photograph is shown or, for a neutral lamp, as the layer would be under the neutral light; A_k
-adapts the light's colour to the wanted temperature, from the lamp's white as it is shown or, where
-that is none to adapt from, from the neutral light. Settings that are left alone, and a lamp's own
+adapts XYZ to the wanted temperature, from the lamp's white as it is shown or, where that is none to
+adapt from, from the neutral light; M takes XYZ to linear sRGB; tone is what JPEGs and screens need
+(encode.jpeg.to_srgb8), and linear files do without. Settings that are left alone, and a lamp's own
 temperature, give the photograph. The page computes the same (service/page/mix.js).
 """
 
