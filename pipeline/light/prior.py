@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 
-_MIN_DEVIATION = 0.02
-_NORM_WEIGHT = 50.0
+_MIN_DEVIATION = 0.02  # of matrices of unit norm
+_NORM_WEIGHT = 50.0  # holds |θ| near 1, of which chromaticities tell nothing
 _NARROWED = 0.25  # wide priors let noise and clumps of pixels bend the matrices
 
 

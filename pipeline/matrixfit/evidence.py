@@ -15,15 +15,17 @@ from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
 from pipeline.pair.reduced import ReducedPair
 
+# Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
 _DIM_FLASH, _DARK = 0.01, 0.005  # of the 99th percentile
 _MAX_NOISE = 0.04  # relative
-_LEAST_SHARE = 0.3
+_LEAST_SHARE = 0.3  # of the pixels, that is kept however noisy they are
 _MIN_NOISE = 1.5e-4  # relative: no photograph is better
-_PIXEL_WEIGHT = 400.0
+_PIXEL_WEIGHT = 400.0  # of all pixels together, as of _AREA_WEIGHT and _SURFACE_WEIGHT
 _AREA_WEIGHT, _SURFACE_WEIGHT = 60.0, 400.0  # people seldom find places of one lamp alone
-_PIXELS, _DIFFERENCES, _TERMINATORS, _POOLS = 3600, 3200, 1600, 1600
+_PIXELS, _DIFFERENCES, _TERMINATORS, _POOLS = 3600, 3200, 1600, 1600  # drawn at most
 _FEW_DIFFERENCES, _FEW_TERMINATORS, _FEW_POOLS = 0.003, 0.001, 0.05  # of the usable pixels
-_CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
+_CELL, _FLATTENING = 0.01, 0.6  # of chromaticities ÷ the flash's; power of a cell's count
+_MIN_FLASH_COLOUR = 1e-3
 
 
 @dataclass(frozen=True)

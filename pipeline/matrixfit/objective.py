@@ -13,6 +13,7 @@ from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.mixture import blocks, mixture
 
+# Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
 _EM_ROUNDS = 3
 _COVES = 0.15  # of pools, at first
 _MIRRORED = 0.15  # of the differences, at first; where nothing is glossy the rounds take it away

@@ -15,14 +15,16 @@ from pipeline.matrixfit.objective import Term, Whitened, posterior
 from pipeline.vectors import unit
 
 LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
-"""Annealing: level s0, and how many of the best go on."""
+"""Annealing: level s0, a standard deviation added to that of every chromaticity (times
+Shape.spread), and how many of the best go on from there."""
 
+# Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
 _SCORING_DATA, _SCORING_LEAST = 300, 150  # together, and of each kind
-_SCORING_LEVEL = 0.01
-_STARTS = 12
-_FIRST_DATA, _FIRST_KEPT = 800, 5
-_ALIKE = float(np.cos(np.radians(2.5)))
-_ROUNDS, _STEPS = 3, 25
+_SCORING_LEVEL = 0.01  # s0, as in LEVELS
+_STARTS = 12  # sets of lamps that are followed
+_FIRST_DATA, _FIRST_KEPT = 800, 5  # data of each kind in the first round; sets that go on from it
+_ALIKE = float(np.cos(np.radians(2.5)))  # between lamps of two sets
+_ROUNDS, _STEPS = 3, 25  # of EM at each level, and of BFGS in each
 _FIRST_STEP = 0.005  # of a lamp's norm
 _OF_STARTS, _ON_THE_WAY, _AT_LAST = 1e-4, 1e-5, 1e-6  # precision: what is compared needs less
 

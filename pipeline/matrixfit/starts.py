@@ -14,9 +14,10 @@ from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
 
-_BINS, _BLUR = 96, 1.2
+# Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
+_BINS, _BLUR = 96, 1.2  # of a histogram: to a side; standard deviation in bins
 _PEAKS_OF_DIFFERENCES, _PEAKS_OF_PIXELS = 14, 8
-_EXTREMES = (0.005, 0.03)
+_EXTREMES = (0.005, 0.03)  # shares of the points, the outermost in a direction
 _DIRECTIONS = 12
 _SAME_DEGREES = 1.5
 _MOST_CANDIDATES = 30
