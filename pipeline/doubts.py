@@ -68,8 +68,8 @@ def doubts(
 def doubts_of_published(reduced: ReducedPair, lamps: Lamps, model: Model) -> list[RunWarning]:
     """Warn of layers of the method "paper" that no lamps can have made.
 
-    Equation 3 gives what its solution is, be it negative or far from the photograph. What its
-    layers miss all possible ones by is the least that they miss the true ones by.
+    Layers of equation 3 may be negative and need not add up to the photograph. The true ones are
+    not so: how far those are from all that are ≥ 0 and add up is the least that they can be wrong.
     """
     use = reduced.usable
     light, flash = reduced.no_flash[use][None], reduced.flash[use][None]

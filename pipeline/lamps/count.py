@@ -1,11 +1,14 @@
 """How many lamps a pair needs: by how much better one more explains it.
 
-A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
-rendered not without lessening what one leaves over, where that is much. In others it is none where
-surfaces of one colour are off alike, and a small gain is none where light that glossy surfaces
-mirror explains as much. A third is told by that
-gain, too, by differences across the edges of shadows, of which two lamps leave none, and by light
-that is no mixture of two, which needs no shadows.
+A second lamp counts where the likelihood gains enough by it, but not
+
+- in photographs that a camera rendered: where two lamps leave much light over, and hardly less than
+  one does, for then it is the rendering's curve that they explain;
+- in others: where surfaces of one colour are all off alike under one lamp, which is what no matrix
+  can give of them; or where the gain is small and one lamp with gloss explains as much.
+
+A third lamp counts where three signs together speak for it: the gain in likelihood, differences
+across shadow edges that show neither of two lamps, and light that is no mixture of two.
 """
 
 from __future__ import annotations
@@ -70,8 +73,10 @@ def count_lamps(
 ) -> Count:
     """Count the lamps of a pair.
 
-    first: gives a fit of a number of lamps, 1 to 3. fit: gives the best one, at several times the
-    cost for three. least: how many there are for certain.
+    first: gives the fit of so many lamps, 1 to 3, that one search comes to (first_fit). fit: gives
+    the best one (fit_matrices), which takes several times as long for three. least: how many there
+    are for certain. Numbers of which every fit has a forbidden lamp are passed over; where all of
+    them are, it is `least`, for the caller to refuse.
     """
     can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
     least = next(can_be, least)

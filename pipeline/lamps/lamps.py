@@ -59,8 +59,8 @@ class Lamps:
     four_or_more: whether there are signs of a fourth lamp. left_over: relative light that they do
     not explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a
     terminator shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks
-    against what was pinned or forbidden. rival_deg: largest angle in degrees between lamps that
-    another search came to and the nearest of these, or back; 0 where there was none.
+    against what was pinned or forbidden. rival_deg: how far in colour lamps are from these that
+    another search came to, in degrees (_rival_deg); 0 where there was none.
     """
 
     coefficients: Floats64
@@ -261,10 +261,11 @@ def _normalised(matrices: Matrix, model: Model) -> tuple[Floats64, Matrix]:
 
 
 def _that_shine(found: tuple[Floats64, ...], model: Model) -> tuple[Floats64, ...]:
-    """Lamps (N, 3, 3) each of which only such are kept that all may be lights.
+    """Keep those sets of lamps (N, 3, 3) in which each may be a light: no channel far below 0.
 
-    A search that begins with a pinned lamp and what else the published method found ends where that
-    was no light, and says nothing of the pinned one. Values in sRGB may be negative.
+    A search that begins with a pinned lamp beside published ones may end at what is no light: then
+    a published one was wrong, and nothing speaks against the pin. Of values in sRGB, which may be
+    negative for lights, all are kept.
     """
     if model.camera.in_srgb:
         return found
@@ -272,7 +273,11 @@ def _that_shine(found: tuple[Floats64, ...], model: Model) -> tuple[Floats64, ..
 
 
 def _rival_deg(found: Fit, coefficients: Floats64, model: Model) -> float:
-    """Largest angle between lamps that the search passed over and the nearest found, or back."""
+    """Angle in degrees between the lamps found and those that a search passed over.
+
+    It is the largest from a lamp of either set to the nearest of the other (Hausdorff's distance),
+    over all sets passed over; 0 where there are none. coefficients: (N, 3) unit, of those found.
+    """
     furthest = 0.0
     for rival in found.passed_over:
         cosines = coefficients @ _normalised(rival, model)[0].T
@@ -287,16 +292,25 @@ def _warm_first(coefficients: Floats64) -> NDArray[np.int64]:
 
 
 def _stand_out(coefficients: Floats64, gammas: Floats64) -> Floats64:
-    """Share of a lamp's angle to its nearest other (or, alone, of 10°) that is not scatter."""
+    """How far each lamp's colour stands out, (N,) 0…1: a² ÷ (a² + (2s)²).
+
+    a: angle in degrees to the nearest other lamp, 10° of one alone. s: scatter of the invariants.
+    """
+    alone = len(coefficients) == 1
+    nearest = np.array([_ALONE_DEGREES]) if alone else _angles(coefficients).min(axis=1)
+    scatter = _scatter_degrees(coefficients, gammas)
+    return np.asarray(nearest**2 / np.maximum(nearest**2 + (2 * scatter) ** 2, 1e-12))
+
+
+def _scatter_degrees(coefficients: Floats64, gammas: Floats64) -> float:
+    """Median angle of the invariants (n, 3) to the one lamp, or to the great circle of two."""
+    if len(coefficients) > 2:  # they span the sphere, so that scatter cannot be told from light
+        return _TYPICAL_SCATTER_DEGREES
     if len(coefficients) == 1:
         off = np.linalg.norm(gammas - coefficients[0], axis=1)
-        nearest = np.array([_ALONE_DEGREES])
     else:
         off = np.abs(gammas @ unit(np.cross(coefficients[0], coefficients[1])))
-        nearest = _angles(coefficients).min(axis=1)
-    # three lamps span the sphere, so that scatter cannot be told from light
-    scatter = np.degrees(np.median(off)) if len(coefficients) < 3 else _TYPICAL_SCATTER_DEGREES
-    return np.asarray(nearest**2 / np.maximum(nearest**2 + (2 * scatter) ** 2, 1e-12))
+    return float(np.degrees(np.median(off)))
 
 
 def _angles(coefficients: Floats64) -> Floats64:

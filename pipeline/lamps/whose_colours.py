@@ -58,10 +58,11 @@ def likely_camera(
 ) -> Camera:
     """Choose what explains linear files best: linear sRGB, or the values of a sensor.
 
-    Converters write either, and hardly ever say which. Lamps are fitted with both, as many as are
-    asked for but two at least, or two and three, and the likelier fit tells
-    (docs/decisions/0031-whose-colours.md). Of a sensor's values, those as they are and those
-    balanced for daylight, the ones are taken that look under the flash as the pair does.
+    Converters write either, and hardly ever say which. Lamps are fitted with both, and the likelier
+    fit tells (docs/decisions/0031-whose-colours.md): two and three lamps where the number is to be
+    found, else as many as are asked for, two at least. The sensor's values may be as it gave them
+    or balanced for daylight: tried is the one whose colours under the flash are more like the
+    pair's.
 
     flash: (W,) its spectrum. sensor: of the camera that EXIF names, None where it names none that
     was measured. It speaks for the sensor's values, so that sRGB must be much likelier, and

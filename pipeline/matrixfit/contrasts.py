@@ -18,10 +18,11 @@ Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2))
 _SPACING = 256 / 3  # of the longer side: pixels compared lie 3 of 256 apart
-_SAME_SURFACE = 0.006
-_MAX_NOISE = 0.05
-_MIN_COLOUR = -0.15
-_WEIGHT, _MANY = 250.0, 600.0
+# Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
+_SAME_SURFACE = 0.006  # chromaticity under the flash, beyond its noise
+_MAX_NOISE = 0.05  # standard deviation of a contrast's chromaticity
+_MIN_COLOUR = -0.15  # chromaticity; what is below is no lamp's
+_WEIGHT, _MANY = 250.0, 600.0  # of all data of a kind together, and how many have all of it
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,10 @@ def contrast(
     surface: Floats64,
     significance: float = 0.0,
 ) -> Data:
-    """What contrasts show, those left out that say little; their weight is their worth.
+    """Chromaticities of contrasts, Σ_k factors_k · light_k over the places of each.
+
+    Left out are those that are too noisy, not above 0, or no colour of a light. The weight is what
+    `drawn` draws them by: √(their sum · the strength of the flash there).
 
     Parameters
     ----------

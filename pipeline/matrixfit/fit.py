@@ -40,7 +40,7 @@ _FEWER_PURE = {2: (0.05, 0.02), 3: (0.01, 0.005, 0.002)}
 """Shares to which lamps are followed, one after the other."""
 
 _LESS = {2: (0.93, 0.98), 3: (0.95,)}
-"""Factors of what _left gives: wider apart, lamps always leave a little less."""
+"""Of what the usual lamps leave (_left): wider apart, lamps always leave a little less."""
 
 _LITTLE = 0.6  # unexplained
 _NOTHING = 1e-6  # of the light
@@ -56,10 +56,11 @@ _COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.008  # a camera's rendering bends c
 class Fit:
     """Fitted lamps.
 
-    matrices: (N, 3, 3), unit Frobenius norm, pinned lamps first. cost: −log likelihood at one
-    fixed level of the likeliest that were found, lower is better; costs of different numbers of
-    lamps on the same evidence can be compared. It is infinite where no fit avoids what is
-    forbidden. passed_over: (N, 3, 3) each, what else the search came to.
+    matrices: (N, 3, 3), unit Frobenius norm, pinned lamps first. cost: −log likelihood, at a fixed
+    annealing level, of the likeliest lamps that were found; the matrices may be others, which leave
+    less unexplained or were followed on. Lower is better; costs of different numbers of lamps on
+    the same evidence can be compared. It is infinite where no fit avoids what is forbidden.
+    passed_over: (N, 3, 3) each, what else the search came to.
     """
 
     matrices: Floats64
@@ -79,14 +80,17 @@ def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
 def first_fit(
     reduced: ReducedPair, evidence: Evidence, model: Model, lamps: int, known: Known
 ) -> Fit:
-    """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
+    """Fit the matrices of one to three lamps by one search; deterministic. Else as fit_matrices.
 
-    Without edges of shadows the outline of the pixels' cloud speaks, terminators and pools of
-    light. Where the published lamps leave no light over, the outline is exact, and nothing is
-    gained by fitting, unless these say that it reaches no lamp alone. Several lamps are searched
-    from the published ones, too: where nearly all light is mixed, or lamps are strongly coloured,
-    the search may pass the likeliest two by; three are searched alike, since costs of different
-    numbers of lamps are compared.
+    Where shadows have no edges, lamps are told by the outline of the cloud of pixels, by
+    terminators and by pools of light. If the published lamps leave no light over there, that
+    outline is exact and they are taken as they are, unless terminators and pools say that it does
+    not reach as far as the lamps.
+
+    Several lamps are followed from the published ones, too, and the likelier end is taken: where
+    nearly all light is mixed, or lamps are strongly coloured, the search from its own starts may
+    miss the likeliest two; three are treated alike, since costs of different numbers of lamps are
+    compared. Of a photograph that a camera rendered the search's own end is taken.
     """
     evidence, outline = evidence.surest, not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARES[lamps][0], known)
@@ -172,13 +176,13 @@ def fit_pools(
 def follow_outwards(
     reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
 ) -> Fit:
-    """Follow two lamps, or three that leave much, of fit_matrices to where fewer pixels are pure.
+    """Follow lamps on while ever fewer pixels are taken for pure, lit by one lamp alone.
 
-    Where hardly a pixel is pure, the usual share of such pixels has corners inside the cloud, at
-    the spots on the walls that the lamps stand before. The lamps are taken where they leave clearly
-    less; the cost stays, since costs of different numbers of lamps are of one share of pure pixels.
-    Lamps of a photograph that a camera rendered stay: what bent chromaticities leave over tells
-    nothing of so little.
+    Before a wall hardly a pixel is pure, and the usual share of pure ones draws the lamps' corners
+    inwards, to where each is brightest on the wall. So two lamps of fit_matrices, or three that
+    leave much, are followed, and taken where they leave clearly less. The cost stays, since costs
+    of different numbers of lamps are of one share of pure pixels. Lamps of a photograph that a
+    camera rendered stay: it bends chromaticities, which leaves over more than is to be told.
     """
     lamps, level = len(usual.matrices), _cost_level(reduced)
     if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:

@@ -32,7 +32,7 @@ MOST_TRIAL_TICKS = 2 * len(_SCALES)
 MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
 MOST_TICKS_ON = len(_SCALES_AGAIN) + 2 * len(_SCALES_ON)
 MOST_TICKS_AGAIN = 3 * len(_SCALES_AGAIN) + MOST_TICKS
-"""Times that these tell of going on, at most: fit without rounds, fit, fit_on, and fit_again."""
+"""Most calls of tick by fit with rounds=0, fit, fit_on and fit_again."""
 
 
 def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:

@@ -25,7 +25,7 @@ _MOST_ALBEDO_OFF = 8.0  # standard deviations
 _TOUCHING = np.ones((3, 3), dtype=bool)  # pixels that have a corner in common
 
 MOST_TICKS = len(_BENDS)
-"""Times that grown tells of going on, at most."""
+"""Most calls of tick by grown."""
 
 
 def grown(

@@ -33,7 +33,7 @@ _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
 MOST_TICKS = _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
 MOST_TICKS += _ROUNDS * (MOST_TICKS_ON + _OF_GROWTH)
-"""Times that fit_in_parts tells of going on, at most."""
+"""Most calls of tick by fit_in_parts."""
 
 
 def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]:

@@ -13,7 +13,7 @@ _SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
 
 
 def shown_gain(picture: Photograph, matrix: Matrix) -> float:
-    """Factor by which bright parts of a picture (H, W, 3) become white.
+    """Factor, at most 8, by which bright parts of a picture (H, W, 3) become white.
 
     matrix: (3, 3), to the linear RGB of the screen.
     """

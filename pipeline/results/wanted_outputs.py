@@ -82,10 +82,10 @@ def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Option
 def held_outputs(
     wanted: frozenset[str], size: tuple[int, int], lamps: int, options: Options
 ) -> tuple[frozenset[str], list[RunWarning]]:
-    """Pass over what nobody named and cannot hold the layers, now that their number is known.
+    """Leave layers.psd out where all outputs are wanted and it cannot hold so many layers.
 
-    wanted, size: as in check_outputs, which has refused what was named. lamps: those found.
-    Returns the rest, and a warning for what is passed over.
+    wanted, size: as in check_outputs, which has refused it where it was asked for by name. lamps:
+    how many were found. Returns the outputs that are left, and a warning where one is not.
     """
     excess = psd_excess(size, lamps)
     if _PSD not in wanted or options.outputs != "all" or excess is None:

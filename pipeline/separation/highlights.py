@@ -379,9 +379,10 @@ def _matt_light(lamps: _Light, f: Colour, s0: Any, s1: Any) -> tuple[Colour, Col
 def _explain(
     seen: Colour, first: Colour, second: Colour, mirrored: Colour, weights: Numbers
 ) -> tuple[Any, Any]:
-    """How often the matt light of two lamps, and mirrored light, are in what is seen, ≥ 0.
+    """Factors a, b ≥ 0 with which a · (first + second) + b · mirrored is nearest to what is seen.
 
-    Matt light is there about once: the less it is beside a strong highlight, the less it tells.
+    Least squares, each channel weighed. a is held near 1, the more firmly the less matt light there
+    is beside a strong highlight, which then tells little of it.
     """
     matt = first[0] + second[0], first[1] + second[1], first[2] + second[2]
     seen, matt = doubles(times(seen, weights)), doubles(times(matt, weights))

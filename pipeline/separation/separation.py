@@ -158,10 +158,11 @@ def separate_reduced(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> Strip:
 def _filtered(
     pair: Pair, quality: Quality, strips: Iterator[slice]
 ) -> Iterator[tuple[slice, slice, slice, tuple[Image, Image]]]:
-    """Filter the noise of a pair, as it lies or softened.
+    """Filter the noise of a pair strip by strip; of one that was aligned, softened at first.
 
-    Gives rows; the same with what looks around them needs; where they lie among these; and of these
-    the photographs.
+    Yields four things for each strip: its rows; the same with a halo that smoothing and placing
+    look at; where the strip's rows lie among the wider ones; and of the wider ones the no-flash and
+    the flash photograph, (h, W, 3).
     """
     height, width = pair.unusable.shape
     halo = smoothing.HALO + (placing.HALO if pair.registration_px > 0 else 0)
