@@ -112,11 +112,7 @@ def estimate_lamps(
     """
     known = known or nothing_known(model.flash_white)
     evidence = gather_evidence(reduced)
-    if len(evidence.pixels) < MIN_PIXELS:
-        raise UnusablePairError(
-            "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
-            "its power, and expose so that little is clipped."
-        )
+    _check_enough(evidence)
     gammas = _invariants(reduced, model)
 
     @cache
@@ -135,33 +131,30 @@ def estimate_lamps(
         count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
     else:
         count = Count(requested, confidence=1.0)
+    number = count.number
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
-        found = _published(reduced, model, count.number)
+        found = _published(reduced, model, number)
     else:
-        begun, usual = first(count.number), moved(count.number)
+        begun, usual = first(number), moved(number)
         found = _fitted(reduced, evidence, model, known, begun, usual, weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
-        against = _against_known(reduced, evidence, model, known, fit(count.number))
+        against = _against_known(reduced, evidence, model, known, fit(number))
     left = left_over(reduced, matrices)
-    if requested == "auto" and left > MUCH_LEFT:
-        count = replace(count, confidence=min(count.confidence, DOUBTFUL))
-    order = _warm_first(coefficients)
     four_or_more = False
-    if count.number == MOST_LAMPS and (method == "best" or requested == "auto"):
+    if number == MOST_LAMPS and (method == "best" or requested == "auto"):
         # lamps followed outwards leave less, as if there were no fourth
         four_or_more = signs_of_fourth(reduced, evidence, model, moved(MOST_LAMPS).matrices)
-        if four_or_more and requested == "auto":
-            count = replace(count, confidence=min(count.confidence, UNSURE))
+    order = _warm_first(coefficients)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],
         deviations=found.deviations,
         channel_weights=weights,
         requested=requested,
-        confidence=count.confidence,
+        confidence=_confidence(count, left, four_or_more) if requested == "auto" else 1.0,
         lamp_confidence=_stand_out(coefficients[order], gammas),
         pinned=np.where(order < len(known.pinned), order, -1),
         invariants=gammas,
@@ -171,6 +164,25 @@ def estimate_lamps(
         contradictions=tuple(against),
         rival_deg=found.rival_deg,
     )
+
+
+def _check_enough(evidence: Evidence) -> None:
+    """Raise UnusablePairError where too few pixels tell of lamps."""
+    if len(evidence.pixels) < MIN_PIXELS:
+        raise UnusablePairError(
+            "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
+            "its power, and expose so that little is clipped."
+        )
+
+
+def _confidence(count: Count, left: float, four_or_more: bool) -> float:
+    """Confidence 0…1 in a number of lamps that was counted; the rest as in Lamps."""
+    confidence = count.confidence
+    if left > MUCH_LEFT:
+        confidence = min(confidence, DOUBTFUL)
+    if four_or_more:
+        confidence = min(confidence, UNSURE)
+    return confidence
 
 
 @dataclass(frozen=True)
