@@ -33,7 +33,8 @@ def _row(pixels: Image, y: int, along: Floats32, out: Floats32) -> None:
     inner, first, last = flat[3:], flat[:-6], flat[6:]
     for i in range(3 * width):
         inner[i] = (above[i] - middle[i]) + (below[i] - middle[i])
-    along[0], along[width + 1] = along[2], along[width - 1]
+    for k in range(3):  # by numbers: the assignment of whole rows takes seconds to compile
+        along[0, k], along[width + 1, k] = along[2, k], along[width - 1, k]
     for i in range(3 * width):
         written[i] = sixth * (first[i] - two * inner[i] + last[i])
 
