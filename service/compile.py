@@ -6,6 +6,7 @@ are kept there, too. Without this the first jobs after an installation would pay
 
 from __future__ import annotations
 
+import gc
 import sys
 import tempfile
 from pathlib import Path
@@ -16,34 +17,67 @@ import numpy as np
 
 import drivers
 from pipeline.compiling import CACHE
-from pipeline.images.strips import STRIP_ROWS
+from pipeline.images.area_strips import AreaStrips
 from pipeline.options import Options
+from pipeline.pair.tone_curve import KNOTS, ToneCurve
+from pipeline.photometric_stereo.detail import surface_normals
+from pipeline.photometric_stereo.solve import Surface
+from pipeline.pictures.clipped import shown_layers
 from pipeline.process import separate_files
 from pipeline.progress import Progress
+from pipeline.separation.separation import Strip
 
 _SIZE = "width=96&height=64&noise=off"
+_GARBAGE = 100_000  # objects between collections, which took a fifth of the compiler's time
 _MOTION_PX = 3  # enough for the flash photograph to be laid on the other
 
 
 def main() -> None:
-    """Separate tiny pairs of the simulated camera in every way that compiled code takes."""
+    """Separate tiny pairs of the simulated camera, and call the loops that these do not reach."""
     if CACHE.unwritable:
         sys.exit(f"{CACHE.unwritable} cannot be written, so that nothing compiled would be kept.")
-    for count in (1, 2, 3):
-        for rows in (24, STRIP_ROWS):  # one strip alone lies otherwise in memory than several
-            _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count}, rows)
+    gc.set_threshold(_GARBAGE)
+    _separate(f"sim://studio?lights=1&{_SIZE}", {"lights": 1})
+    for count in (2, 3):
         _separate_moved(f"sim://studio?lights={count}&format=jpeg&{_SIZE}", {"lights": count})
-    objects = f"sim://studio?scene=objects&lights=3&{_SIZE}"
-    truth = drivers.simulated_truth(objects)
-    lights = [{"direction": tuple(one)} for one in truth.directions.tolist()]
-    _separate(objects, {"lights": 3, "light_directions": lights}, STRIP_ROWS)
+    _call_others()
 
 
-def _separate(address: str, options: dict[str, Any], strip_rows: int) -> None:
+def _call_others() -> None:
+    """Call what clipped light, a tone curve, a picture made smaller, and normals take."""
+    side = 4
+    image = np.ones((side, side, 3), np.float32)
+    for count in (1, 2, 3):
+        shown_layers(np.stack(count * [image]), np.ones((count, 3)), 1.0)
+    AreaStrips((side, side), (side // 2, side // 2)).add(image)
+    ToneCurve(np.zeros(len(KNOTS))).photograph(image)
+    rows, lamps = slice(0, side), np.eye(3)
+    ones, known = np.ones((side, side, 3)), np.ones((side, side), bool)
+    surface = Surface(
+        block=2,
+        mask=known,
+        cut=~known,
+        w=ones,
+        z=ones[..., 0],
+        lit=ones,
+        deviations=np.zeros((side, side, 3, 3)),
+        correction=ones,
+        directions=lamps,
+        matrices=np.stack(3 * [lamps]),
+        misfit=0.0,
+        unexplained=0.0,
+        strengths=np.ones(3),
+        focal_px=1.0,
+    )
+    strip = Strip(rows, image[None], image, image, image[..., 0])
+    surface_normals(strip, surface)
+
+
+def _separate(address: str, options: dict[str, Any]) -> None:
     with drivers.open_camera(address) as camera, tempfile.TemporaryDirectory() as folder:
         pair = drivers.capture_pair(camera)
         files = pair.no_flash.best, pair.flash.best
-        separate_files(*files, Options(**options), Path(folder), Progress(), strip_rows)
+        separate_files(*files, Options(**options), Path(folder), Progress())
 
 
 def _separate_moved(address: str, options: dict[str, Any]) -> None:
