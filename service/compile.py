@@ -28,7 +28,7 @@ from pipeline.progress import Progress
 from pipeline.separation.separation import Strip
 
 _SIZE = "width=96&height=64&noise=off"
-_GARBAGE = 100_000  # objects between collections, which took a fifth of the compiler's time
+_GARBAGE = 100_000  # objects between collections, which take a good part of the compiler's time
 _MOTION_PX = 3  # enough for the flash photograph to be laid on the other
 
 

@@ -101,7 +101,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     beside = None
     if pair.registration_px > 0:
         beside = registration_variance(flash, pair.registration_px / block)
-        flash_variance = flash_variance + _LIKELY_OFFSET**2 * beside
+        flash_variance += _LIKELY_OFFSET**2 * beside
     if not pair.flash_only:
         flash = flash - no_flash
         flash_variance = flash_variance + no_flash_variance

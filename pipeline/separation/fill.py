@@ -25,7 +25,7 @@ class Surroundings:
     def __init__(self, reduced: ReducedPair, lamps: Lamps) -> None:
         proportions = model_proportions(reduced.no_flash, reduced.flash, lamps)
         count, height, width = proportions.shape[:3]
-        planes = np.moveaxis(proportions, 0, 2).reshape(height, width, count * 3)
+        planes = np.ascontiguousarray(np.moveaxis(proportions, 0, 2).reshape(height, width, -1))
         self._map = push_pull(planes, _known(reduced, lamps.least_sine))
         self._block = reduced.block
         self._count = count
