@@ -14,7 +14,7 @@ INSTALLED := .venv/installed
 COMPILED := .venv/compiled
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint programs evaluate bench chaos serve image openapi docs clean
+.PHONY: help setup demo test pytest lint programs evaluate bench chaos serve image openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -24,7 +24,9 @@ setup: $(COMPILED)  ## Put everything into .venv; the command is .venv/bin/light
 demo: setup  ## Have the simulated camera take a pair, separate it, put the results into demo/
 	$(BIN)/python -m service.demo
 
-test: lint $(COMPILED) programs  ## Run every check and every test
+test: lint pytest  ## Run every check and every test
+
+pytest: $(COMPILED) programs
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)  ## Check style, types and the import rules
