@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.light.shares import shares
-from pipeline.pair.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair, variance_left
 
 _AS_MUCH = 0.8  # of what a second lamp explains
 _LITTLE = 2e-4  # of the light, squared: what one lamp and gloss may leave over
@@ -27,9 +27,9 @@ def is_gloss(reduced: ReducedPair, one: Floats64, two: Floats64, flash_white: Fl
     light = light * weights
     matt, first, second = (flash @ (m.T * weights).astype(np.float32) for m in (*one, *two))
     mirrored = np.broadcast_to((one[0] @ flash_white * weights).astype(np.float32), light.shape)
-    share = shares(light, matt[None])[0][:, None]
-    variance = np.square(share) * (reduced.flash_variance[use] @ np.square(one[0]).T)
-    variance += reduced.no_flash_variance[use]
+    mixed = shares(light, matt[None])[0][:, None, None] * one[0]
+    variances = (reduced.no_flash_variance, reduced.flash_variance, reduced.covariance)
+    variance = variance_left(mixed, *(image[use] for image in variances))
     noise = (np.square(weights) * variance).sum(axis=1)
     alone = _left_over(light, matt[None], noise)
     with_second = _left_over(light, np.stack([first, second]), noise)
