@@ -6,6 +6,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.frames import FRAMES
+from service.object_keys import describe_inputs
 from service.rows import attempts, expiry, heartbeats, jobs
 from service.rows.states import State
 from tests.unit.service.asking import stored
@@ -17,6 +19,12 @@ def added(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
     with engine.begin() as connection:
         jobs.add(connection, {"id": job_id, **row})
     return stored(engine, job_id)
+
+
+def added_pair(engine: sa.Engine, **values: Any) -> None:
+    """Add the job "a" of two photographs, queued."""
+    inputs = describe_inputs("a", dict.fromkeys(FRAMES, ""))
+    added(engine, "a", **{"inputs": inputs, "trace_id": "1" * 32, **values})
 
 
 def claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:

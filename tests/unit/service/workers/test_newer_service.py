@@ -10,13 +10,14 @@ import sqlalchemy as sa
 
 from service.errors import OlderWorkerError
 from service.frames import FRAMES
-from service.object_keys import describe_inputs, inputs_key
+from service.object_keys import inputs_key
 from service.problems import problem_of
 from service.rows import jobs
 from service.rows.states import State
 from service.settings import Settings
 from service.workers import sandbox
 from service.workers.worker import Worker
+from tests.unit.service.job_rows import added_pair
 
 
 @pytest.fixture
@@ -32,15 +33,7 @@ def older(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worke
     older._beat()
     for frame in FRAMES:
         older._storage.put(inputs_key("a", frame), frame.encode())
-    row = {
-        "id": "a",
-        "options": {"of_tomorrow": 1},
-        "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "")),
-        "trace_id": "1" * 32,
-        "request_hash": "",
-    }
-    with older._engine.begin() as connection:
-        jobs.add(connection, row)
+    added_pair(older._engine, options={"of_tomorrow": 1})
     yield older
     older._engine.dispose()
 

@@ -16,8 +16,7 @@ from obstore.exceptions import GenericError
 
 from service import dbos_queue, metrics
 from service.errors import StartError
-from service.frames import FRAMES
-from service.object_keys import describe_inputs, results_key
+from service.object_keys import results_key
 from service.rows import attempts, cameras, database, heartbeats, jobs
 from service.rows.database import AWAY
 from service.rows.states import State
@@ -27,23 +26,12 @@ from service.workers.attempt import Attempt
 from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first
 from tests.unit.service.full_disk import full_disk
+from tests.unit.service.job_rows import added_pair
 
 CUT_SHORT = {
     "its process died": ChildProcessError("the fork server has died"),
     "something nobody thought of": RuntimeError("what?"),
 }
-
-
-def _add(one: Worker, **values: Any) -> None:
-    row = {
-        "id": "a",
-        "options": {},
-        "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "")),
-        "trace_id": "1" * 32,
-        "request_hash": "",
-    }
-    with one._engine.begin() as connection:
-        jobs.add(connection, row | values)
 
 
 def _find(one: Worker) -> jobs.Job:
@@ -73,7 +61,7 @@ def test_whatever_cuts_an_attempt_short_another_follows(
 ) -> None:
     """Raised to the queue, it would take the job out there, and leave its row running for ever."""
     monkeypatch.setattr(Attempt, "run", at_first(error, _ends))
-    _add(one)
+    added_pair(one._engine)
     one.run("a")
     job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
@@ -105,7 +93,7 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
         return attempts.claim(*arguments)
 
     one._settings = one._settings.model_copy(update={"heartbeat_seconds": 0.1})
-    _add(one)
+    added_pair(one._engine)
     serving.start()
     wanted = ("a", claim, lambda _connection, job: job.ended)
     threading.Thread(target=one._run, args=wanted, daemon=True).start()  # it never returns
@@ -115,7 +103,7 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
 
 
 def test_no_job_begins_once_a_stop_has(one: Worker) -> None:
-    _add(one)
+    added_pair(one._engine)
     one._stopping.set()
     thread = threading.Thread(target=one.run, args=("a",), daemon=True)  # it never returns
     thread.start()
@@ -135,7 +123,7 @@ def test_attempts_that_are_cut_short_are_bounded(
         raise CUT_SHORT[how]
 
     monkeypatch.setattr(Attempt, "run", work)
-    _add(one)
+    added_pair(one._engine)
     for lost in (1, 2, 3):  # whose worker had no time to remove them
         one._storage.put(results_key("a", lost, "a.png"), b"half")
     monkeypatch.setattr(Attempt, "_clear", lambda *_arguments: None)
@@ -173,7 +161,7 @@ def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_s
 
     monkeypatch.setattr(Attempt, "run", work)
     monkeypatch.setattr(Attempt, "give_up", give_up_later)
-    _add(one)
+    added_pair(one._engine)
     one.run("a")
     assert begun == [1, 2, 3]
     job = _find(one)
@@ -189,14 +177,14 @@ def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
         raise CUT_SHORT["its process died"]
 
     monkeypatch.setattr(Attempt, "run", work)
-    _add(one)
+    added_pair(one._engine)
     one.run("a")
     assert _find(one).state == State.CANCELED
 
 
 @pytest.mark.parametrize("seen", ["by its heartbeat", "when it takes the job"])
 def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> None:
-    _add(one, deadline=1.0)
+    added_pair(one._engine, deadline=1.0)
     if seen == "by its heartbeat":
         one.keep()
     else:
@@ -215,7 +203,7 @@ def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_
     withdrawn: list[tuple[str, ...]] = []
     monkeypatch.setattr(one._queue, "withdraw", lambda *job_ids: withdrawn.append(job_ids))
     for number, job_id in enumerate(("a", "b", "c", "in time")):
-        _add(one, id=job_id, deadline=9e9 if job_id == "in time" else 1.0 + number)
+        added_pair(one._engine, id=job_id, deadline=9e9 if job_id == "in time" else 1.0 + number)
     for _ in range(3):
         one.keep()
     assert withdrawn == [("a", "b"), ("c",)]
@@ -226,7 +214,7 @@ def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_
 
 def test_late_jobs_fail_in_one_transaction(one: Worker) -> None:
     for job_id in "abc":
-        _add(one, id=job_id, deadline=1.0)
+        added_pair(one._engine, id=job_id, deadline=1.0)
     writes: list[int] = []
 
     def count(_c: object, _cursor: object, query: str, *_more: object) -> None:
@@ -263,7 +251,7 @@ def test_an_attempt_is_given_up_when_the_database_is_back(
     away = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(Attempt, "run", at_first(away, _ends))
     monkeypatch.setattr(Attempt, "give_up", at_first(away, Attempt.give_up))
-    _add(one)
+    added_pair(one._engine)
     one.run("a")
     assert _find(one).state == State.SUCCEEDED
 
@@ -284,7 +272,7 @@ def test_a_claim_whose_answer_got_lost_is_made_again(
 
     monkeypatch.setattr(attempts, "claim", claim_and_lose)
     monkeypatch.setattr(Attempt, "run", _ends)
-    _add(one)
+    added_pair(one._engine)
     one.run("a")
     job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, 0)
@@ -302,7 +290,7 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
         _ends(attempt)
 
     monkeypatch.setattr(Attempt, "run", run)
-    _add(one)
+    added_pair(one._engine)
     threads = [threading.Thread(target=one.run, args=("a", again)) for again in range(2)]
     threads[0].start()
     assert begun.wait(60)
@@ -328,7 +316,7 @@ def test_a_database_that_is_away_does_not_end_a_worker(
 @pytest.mark.parametrize("noticed", ["by its heartbeat", "by the sweep", "at its start"])
 def test_on_a_full_disk_of_the_database_a_worker_makes_room(noticed: str, one: Worker) -> None:
     """No sweep comes out of its queue then."""
-    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    added_pair(one._engine, state="succeeded", finished=1.0, expires=2.0)
     one._storage.put("jobs/a/inputs/flash", b"light")
     with full_disk(one._engine):
         if noticed == "by its heartbeat":
@@ -349,7 +337,7 @@ def test_on_a_full_disk_of_the_database_a_worker_makes_room(noticed: str, one: W
 def test_a_database_that_is_away_makes_no_room(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    added_pair(one._engine, state="succeeded", finished=1.0, expires=2.0)
     one._storage.put("jobs/a/inputs/flash", b"light")
     gone = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
@@ -377,7 +365,7 @@ def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one:
     """As after an attempt that its worker's end or a dead process cut short in between."""
     with one._engine.begin() as connection:
         camera = cameras.add(connection, "sim://studio")
-    _add(one, camera=camera, capture={"camera": "sim://studio"})
+    added_pair(one._engine, camera=camera, capture={"camera": "sim://studio"})
     assert not _queued(one)
     one.capture("a")
     one.capture("a")  # and once
@@ -398,7 +386,7 @@ def _capturing(one: Worker, worker: str) -> None:
     capture = {"camera": "sim://studio", "flash": "external"}
     with one._engine.begin() as connection:
         camera = cameras.add(connection, "sim://studio")
-    _add(one, camera=camera, capture=capture, inputs=None)
+    added_pair(one._engine, camera=camera, capture=capture, inputs=None)
     with one._engine.begin() as connection:
         assert cameras.claim(connection, "a", worker)
 
