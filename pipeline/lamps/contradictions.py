@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.arrays import Floats64
-from pipeline.matrixfit.evidence import Evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, Fit
-from pipeline.matrixfit.known import Known, Pin
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit, FitInput
+from pipeline.matrixfit.known import Pin
 from pipeline.matrixfit.unexplained import unexplained
-from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.vectors import angles_deg, unit
 
@@ -23,13 +21,12 @@ _MUCH_WORSE, _COSTLY_DEGREES = 120.0, 1.0
 _OTHER_LIGHT, _QUANTILE = 0.02, 0.8  # chromaticity, beyond the noise, in a fifth of the area
 
 
-def contradictions(
-    reduced: ReducedPair, evidence: Evidence, known: Known, found: Fit, free: Fit
-) -> list[RunWarning]:
+def contradictions(given: FitInput, found: Fit, free: Fit) -> list[RunWarning]:
     """Warnings, none where all agrees.
 
     found: the fit with what is known. free: that of as many lamps without it.
     """
+    known = given.known
     said = [
         RunWarning(
             Code.PIN_NOT_PURE,
@@ -42,7 +39,7 @@ def contradictions(
     ]
     if said:
         return said
-    worse = _worse(reduced, evidence, found, free)
+    worse = _worse(given, found, free)
     if not known.pinned:
         message = (
             "The photograph looks as if a forbidden lamp were there: without it, the lamps found "
@@ -51,7 +48,7 @@ def contradictions(
         return [RunWarning(Code.FORBIDDEN_LAMP_SHOWS, message)] if worse else []
     only_spectra = not any(pin.of_area for pin in known.pinned)
     cost = (found.cost - free.cost) / len(known.pinned)
-    costly = only_spectra and evidence.has_edges and cost > _MUCH_WORSE
+    costly = only_spectra and given.evidence.has_edges and cost > _MUCH_WORSE
     off = [
         _angles(pin.matrix, free.matrices, known.flash_white).min()
         # a spectrum is regressed on other surfaces than the scene's, and never fits as well
@@ -85,7 +82,7 @@ def needless_pins(found: Fit, fewer: Sequence[Fit]) -> list[RunWarning]:
     return [RunWarning(Code.PIN_CONTRADICTED, message, {"pin": number})]
 
 
-def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> bool:
+def _worse(given: FitInput, found: Fit, free: Fit) -> bool:
     """Whether a fit explains the photograph notably worse than another.
 
     With shadow edges, the likelihood of two lamps tells. Without, it falls also where right lamps
@@ -93,6 +90,7 @@ def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> b
     """
     if found.cost - free.cost < _WORSE:
         return False
+    reduced, evidence = given.reduced, given.evidence
     if evidence.has_edges and len(found.matrices) < MOST_LAMPS:
         return True
     more = unexplained(reduced, evidence, found.matrices)

@@ -21,7 +21,7 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, Fit
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit, FitInput
 from pipeline.matrixfit.fourth_lamp import gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.surface_colours import scatter_within_colours
@@ -63,21 +63,16 @@ class Count:
     confidence: float
 
 
-def count_lamps(
-    reduced: ReducedPair,
-    evidence: Evidence,
-    model: Model,
-    first: Callable[[int], Fit],
-    fit: Callable[[int], Fit],
-    least: int = 1,
-) -> Count:
+def count_lamps(given: FitInput, first: Callable[[int], Fit], fit: Callable[[int], Fit]) -> Count:
     """Count the lamps of a pair.
 
     first: gives the fit of so many lamps, 1 to 3, that one search comes to (first_fit). fit: gives
-    the best one (fit_matrices), which takes several times as long for three. least: how many there
-    are for certain. Numbers of which every fit has a forbidden lamp are passed over; where all of
-    them are, it is `least`, for the caller to refuse.
+    the best one (fit_matrices), which takes several times as long for three. There are as many as
+    are pinned, and one, at least. Numbers of which every fit has a forbidden lamp are passed over;
+    where all of them are, it is the least, for the caller to refuse.
     """
+    reduced, evidence = given.reduced, given.evidence
+    least = max(1, len(given.known.pinned))
     can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
     least = next(can_be, least)
     if fit(least).cost == np.inf:  # what is forbidden leaves no number, which the caller tells
@@ -91,7 +86,7 @@ def count_lamps(
             return Count(1, 1.0 - several)
         if reduced.rendered and _as_much_left(reduced, fit):
             return Count(1, DOUBTFUL)
-        if not reduced.rendered and _passes_for_second(reduced, model, gain, fit):
+        if not reduced.rendered and _passes_for_second(reduced, given.model, gain, fit):
             return Count(1, _LIKELY_ONE)
     if least < 3:
         left = _left_by_two(reduced, evidence, fit(2).matrices)
@@ -104,15 +99,14 @@ def count_lamps(
     return Count(3, min(several, three))
 
 
-def signs_of_fourth(
-    reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Floats64
-) -> bool:
+def signs_of_fourth(given: FitInput, matrices: Floats64) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
+    evidence = given.evidence
     if not evidence.has_edges:
         return False
-    if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
+    if unexplained(given.reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True
-    return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
+    return gain_of_fourth(evidence, given.model, matrices) > _FOURTH_GAIN
 
 
 def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> float:

@@ -21,6 +21,7 @@ from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import (
     MOST_LAMPS,
     Fit,
+    FitInput,
     first_fit,
     fit_matrices,
     fit_pools,
@@ -111,42 +112,31 @@ def estimate_lamps(
     where too few pixels are usable, OptionError where every fit has a forbidden lamp.
     """
     known = known or nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced)
-    _check_enough(evidence)
+    given = FitInput(reduced, gather_evidence(reduced), model, known)
+    _check_enough(given.evidence)
     gammas = _invariants(reduced, model)
-
-    @cache
-    def first(lamps: int) -> Fit:
-        return first_fit(reduced, evidence, model, lamps, known)
-
-    @cache
-    def fit(lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, model, lamps, known, first(lamps))
-
-    @cache
-    def moved(lamps: int) -> Fit:
-        return fit_pools(reduced, evidence, model, known, fit(lamps))
-
+    first = cache(lambda lamps: first_fit(given, lamps))
+    fit = cache(lambda lamps: fit_matrices(given, lamps, first(lamps)))
+    moved = cache(lambda lamps: fit_pools(given, fit(lamps)))
     if requested == "auto":
-        count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
+        count = count_lamps(given, first, fit)
     else:
         count = Count(requested, confidence=1.0)
     number = count.number
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
-        found = _published(reduced, model, number)
+        found = _published(given, number)
     else:
-        begun, usual = first(number), moved(number)
-        found = _fitted(reduced, evidence, model, known, begun, usual, weights)
+        found = _fitted(given, first(number), moved(number), weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
-        against = _against_known(reduced, evidence, model, known, fit(number))
+        against = _against_known(given, fit(number))
     left = left_over(reduced, matrices)
     four_or_more = False
     if number == MOST_LAMPS and (method == "best" or requested == "auto"):
         # lamps followed outwards leave less, as if there were no fourth
-        four_or_more = signs_of_fourth(reduced, evidence, model, moved(MOST_LAMPS).matrices)
+        four_or_more = signs_of_fourth(given, moved(MOST_LAMPS).matrices)
     order = _warm_first(coefficients)
     return Lamps(
         coefficients=coefficients[order],
@@ -160,7 +150,7 @@ def estimate_lamps(
         invariants=gammas,
         four_or_more=four_or_more,
         left_over=left,
-        alone=places_alone(evidence, matrices[order]),
+        alone=places_alone(given.evidence, matrices[order]),
         contradictions=tuple(against),
         rival_deg=found.rival_deg,
     )
@@ -198,27 +188,20 @@ class _Found:
     rival_deg: float = 0.0
 
 
-def _published(reduced: ReducedPair, model: Model, number: int) -> _Found:
+def _published(given: FitInput, number: int) -> _Found:
     """So many lamps as the paper finds them."""
-    coefficients = lights_of_pair(reduced, model, number)
-    return _Found(coefficients, model.lamp_matrix(coefficients), no_deviations(number))
+    coefficients = lights_of_pair(given.reduced, given.model, number)
+    return _Found(coefficients, given.model.lamp_matrix(coefficients), no_deviations(number))
 
 
-def _fitted(
-    reduced: ReducedPair,
-    evidence: Evidence,
-    model: Model,
-    known: Known,
-    first: Fit,
-    usual: Fit,
-    weights: Floats64,
-) -> _Found:
+def _fitted(given: FitInput, first: Fit, usual: Fit, weights: Floats64) -> _Found:
     """The lamps of a fit, followed to where fewer pixels are pure.
 
     first: what the search began from (first_fit). usual: what fit_pools made of it. weights: of the
     channels. Raises OptionError where every fit has a forbidden lamp.
     """
-    fit = follow_outwards(reduced, evidence, model, known, usual)
+    reduced, model = given.reduced, given.model
+    fit = follow_outwards(given, usual)
     if fit.cost == np.inf:
         explain = counted(len(fit.matrices), "lamp explains", "lamps explain")
         raise OptionError(
@@ -226,31 +209,28 @@ def _fitted(
             f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
             "another number of lamps."
         )
-    if known.pinned:
+    if given.known.pinned:
         first = replace(first, passed_over=_that_shine(first.passed_over, model))
     coefficients, matrices = _normalised(fit.matrices, model)
     warm_first = matrices[_warm_first(coefficients)]
     return _Found(
         coefficients,
         matrices,
-        find_deviations(reduced, evidence, warm_first, weights),
+        find_deviations(reduced, given.evidence, warm_first, weights),
         # a rendering's curve leads searches apart
         0.0 if reduced.rendered else _rival_deg(first, coefficients, model),
     )
 
 
-def _against_known(
-    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, found: Fit
-) -> list[RunWarning]:
+def _against_known(given: FitInput, found: Fit) -> list[RunWarning]:
     """Where the photograph speaks against what is known. found: the fit with it."""
-    lamps = len(found.matrices)
-    free = fit_matrices(reduced, evidence, model, lamps, nothing_known(model.flash_white))
-    against = contradictions(reduced, evidence, known, found, free)
-    if against or not 1 < len(known.pinned) == lamps or not evidence.has_edges:
+    lamps, known = len(found.matrices), given.known
+    nothing = nothing_known(given.model.flash_white)
+    against = contradictions(given, found, fit_matrices(replace(given, known=nothing), lamps))
+    if against or not 1 < len(known.pinned) == lamps or not given.evidence.has_edges:
         return against
     fewer = [
-        fit_matrices(reduced, evidence, model, lamps - 1, known.without(pin))
-        for pin in known.pinned
+        fit_matrices(replace(given, known=known.without(pin)), lamps - 1) for pin in known.pinned
     ]
     return needless_pins(found, fewer)
 

@@ -13,7 +13,7 @@ from pipeline.images.frames import Frame
 from pipeline.lamps.lamps import MIN_PIXELS
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, first_fit
+from pipeline.matrixfit.fit import MOST_LAMPS, FitInput, first_fit
 from pipeline.matrixfit.known import nothing_known
 from pipeline.options import LampCount
 from pipeline.pair.reduced import ReducedPair
@@ -181,12 +181,9 @@ class _Fits:
 
     def cost(self, camera: Camera) -> float:
         model = self.build(camera)
-        unknown = nothing_known(model.flash_white)
+        given = FitInput(self.reduced, self.evidence, model, nothing_known(model.flash_white))
         try:
-            fits = [
-                first_fit(self.reduced, self.evidence, model, number, unknown)
-                for number in self.numbers
-            ]
+            fits = [first_fit(given, number) for number in self.numbers]
         except UnusablePairError:  # the camera is so wrong that it makes no sense of any pixel
             return np.inf
         likeliest = min(fits, key=lambda fit: fit.cost)

@@ -11,7 +11,6 @@ from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.light.model import Model
-from pipeline.light.prior import MatrixPrior
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
@@ -53,6 +52,32 @@ _COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.008  # a camera's rendering bends c
 
 
 @dataclass(frozen=True)
+class FitInput:
+    """What lamps are fitted to.
+
+    evidence: gathered from the reduced pair. model: of its camera and flash. known: what is given
+    of the lamps.
+    """
+
+    reduced: ReducedPair
+    evidence: Evidence
+    model: Model
+    known: Known
+
+    @property
+    def surest(self) -> FitInput:
+        """The same with the surest evidence alone (Evidence.surest)."""
+        return replace(self, evidence=self.evidence.surest)
+
+    def without_coves(self, matrices: Floats64) -> FitInput:
+        """Without the pools that three lamps, as they were found, tell from those of one."""
+        if len(matrices) < MOST_LAMPS:
+            return self
+        pools = without_coves(self.evidence.pools, matrices)
+        return replace(self, evidence=replace(self.evidence, pools=pools))
+
+
+@dataclass(frozen=True)
 class Fit:
     """Fitted lamps.
 
@@ -77,9 +102,7 @@ def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
     return Pin(term, matrices[0], of_area)
 
 
-def first_fit(
-    reduced: ReducedPair, evidence: Evidence, model: Model, lamps: int, known: Known
-) -> Fit:
+def first_fit(given: FitInput, lamps: int) -> Fit:
     """Fit the matrices of one to three lamps by one search; deterministic. Else as fit_matrices.
 
     Where shadows have no edges, lamps are told by the outline of the cloud of pixels, by
@@ -92,26 +115,26 @@ def first_fit(
     miss the likeliest two; three are treated alike, since costs of different numbers of lamps are
     compared. Of a photograph that a camera rendered the search's own end is taken.
     """
-    evidence, outline = evidence.surest, not evidence.has_edges
-    problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARES[lamps][0], known)
+    given, reduced, outline = given.surest, given.reduced, not given.evidence.has_edges
+    problem = _problem(given, lamps, outline, _PURE_SHARES[lamps][0])
     level = _cost_level(reduced)
     # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
     searched_too = lamps == MOST_LAMPS or (lamps > 1 and not reduced.rendered)
-    published = _published(reduced, model, lamps) if outline or searched_too else None
-    exact = None
-    if outline and published is not None and _leaves_nothing(reduced, published, known):
+    published = _published(given, lamps) if outline or searched_too else None
+    exact, bends = None, (given.evidence.terminators, given.evidence.pools)
+    if outline and published is not None and _leaves_nothing(given, published):
         exact = Fit(published, _cost(published, problem.terms, level))
-        if not (len(evidence.terminators) or len(evidence.pools)):
+        if not any(map(len, bends)):
             return exact
-    candidates, also = _candidates(evidence, model), published if searched_too else None
+    candidates, also = _candidates(given), published if searched_too else None
     matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
     if not reduced.rendered and _is_mirror(problem, matrices, level):
         # as light bounced off a wall can make it
         problem = replace(problem, terms=[without_mirrors(one) for one in problem.terms])
         matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
-    cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
-    bent = evidence.terminators.weight.sum() + evidence.pools.weight.sum()
-    if exact is not None and cost > exact.cost - _AGAINST * bent:
+    cost = np.inf if given.known.rejects(matrices) else _cost(matrices, problem.terms, level)
+    weight = sum(bend.weight.sum() for bend in bends)
+    if exact is not None and cost > exact.cost - _AGAINST * weight:
         return exact
     return Fit(matrices, cost, tuple(passed_over))
 
@@ -130,52 +153,42 @@ def _likeliest(
     return [other, matrices] if may_win and other_cost < cost else [matrices, other]
 
 
-def fit_matrices(
-    reduced: ReducedPair,
-    evidence: Evidence,
-    model: Model,
-    lamps: int,
-    known: Known,
-    first: Fit | None = None,
-) -> Fit:
+def fit_matrices(given: FitInput, lamps: int, first: Fit | None = None) -> Fit:
     """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
     corners come to lie. So three lamps that leave much unexplained are found in other ways, too;
     those that leave least are taken.
     """
-    first = first or first_fit(reduced, evidence, model, lamps, known)
-    if lamps < MOST_LAMPS or not _leave_much(reduced, evidence, first.matrices):
+    first = first or first_fit(given, lamps)
+    if lamps < MOST_LAMPS or not _leave_much(given, first.matrices):
         return first
-    return _least_unexplained(reduced, evidence.surest, model, known, first)
+    return _least_unexplained(given.surest, first)
 
 
-def fit_pools(
-    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
-) -> Fit:
+def fit_pools(given: FitInput, usual: Fit) -> Fit:
     """Move several lamps of fit_matrices by pools of light, where shadows have edges, too.
 
     They are followed from where they are, so that what edges told is not lost. Where they leave
     much, those that a search with pools comes to are taken if they are clearly likelier. The cost
     stays: lamps are counted by what is surest.
     """
-    lamps, level = len(usual.matrices), _cost_level(reduced)
+    lamps, evidence = len(usual.matrices), given.evidence
     if lamps == 1 or not (evidence.has_edges and len(evidence.pools)) or usual.cost == np.inf:
         return usual
-    evidence = _without_coves(evidence, usual.matrices)
-    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
+    given = given.without_coves(usual.matrices)
+    problem = _problem(given, lamps, False, _PURE_SHARES[lamps][0])
     matrices, cost = follow(problem, [usual.matrices])
-    if _leave_much(reduced, evidence, matrices):
-        others, other_cost = search(problem, _candidates(evidence, model))
+    if _leave_much(given, matrices):
+        others, other_cost = search(problem, _candidates(given))
         matrices = others if other_cost < cost - _CLEARLY else matrices
-    if known.rejects(matrices) or _is_mirror(problem, matrices, level):
+    level = _cost_level(given.reduced)
+    if given.known.rejects(matrices) or _is_mirror(problem, matrices, level):
         return usual
     return replace(usual, matrices=matrices)
 
 
-def follow_outwards(
-    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
-) -> Fit:
+def follow_outwards(given: FitInput, usual: Fit) -> Fit:
     """Follow lamps on while ever fewer pixels are taken for pure, lit by one lamp alone.
 
     Before a wall hardly a pixel is pure, and the usual share of pure ones draws the lamps' corners
@@ -184,21 +197,21 @@ def follow_outwards(
     of different numbers of lamps are of one share of pure pixels. Lamps of a photograph that a
     camera rendered stay: it bends chromaticities, which leaves over more than is to be told.
     """
-    lamps, level = len(usual.matrices), _cost_level(reduced)
-    if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:
+    lamps, reduced = len(usual.matrices), given.reduced
+    if lamps == 1 or not given.evidence.has_edges or reduced.rendered or usual.cost == np.inf:
         return usual
-    evidence = _without_coves(evidence, usual.matrices)
-    usual_left = _left(reduced, evidence, usual.matrices)
+    given = given.without_coves(usual.matrices)
+    usual_left = _left(given, usual.matrices)
     if lamps == MOST_LAMPS and usual_left[0] <= _LITTLE:
         return usual
     matrices = best = usual.matrices
     least = limits = np.array(_LESS[lamps]) * usual_left
     for share in _FEWER_PURE[lamps]:
-        problem = _problem(evidence, model.prior, lamps, False, share, known)
+        problem = _problem(given, lamps, False, share)
         matrices, _ = follow(problem, [matrices])
-        if known.rejects(matrices) or _is_mirror(problem, matrices, level):
+        if given.known.rejects(matrices) or _is_mirror(problem, matrices, _cost_level(reduced)):
             break
-        left = _left(reduced, evidence, matrices)
+        left = _left(given, matrices)
         if (left < limits).all() and left[0] < least[0]:
             best, least = matrices, left
     return replace(usual, matrices=best)
@@ -209,86 +222,73 @@ def _is_mirror(problem: Problem, matrices: Floats64, level: float) -> bool:
     return max(most_mirrored(one, matrices, level) for one in problem.terms) > _MOST_MIRRORED
 
 
-def _without_coves(evidence: Evidence, matrices: Floats64) -> Evidence:
-    """Evidence without the pools that three lamps, as they were found, tell from those of one."""
-    if len(matrices) < MOST_LAMPS:
-        return evidence
-    return replace(evidence, pools=without_coves(evidence.pools, matrices))
-
-
-def _leave_much(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> bool:
+def _leave_much(given: FitInput, matrices: Floats64) -> bool:
     """Whether lamps leave much unexplained."""
     # the few differences of an outline are chance, and tell nothing of what is left
-    return evidence.has_edges and unexplained(reduced, evidence, matrices) > _LITTLE
+    if not given.evidence.has_edges:
+        return False
+    return unexplained(given.reduced, given.evidence, matrices) > _LITTLE
 
 
-def _least_unexplained(
-    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, first: Fit
-) -> Fit:
+def _least_unexplained(given: FitInput, first: Fit) -> Fit:
     """Three lamps as they are found in every way, those that leave least."""
-    problem = _problem(evidence, model.prior, MOST_LAMPS, False, _PURE_SHARES[MOST_LAMPS][0], known)
-    others = _otherwise(problem, evidence, _candidates(evidence, model))
-    found = [first.matrices, *first.passed_over, *others]
+    reduced, evidence, known = given.reduced, given.evidence, given.known
+    terms = _problem(given, MOST_LAMPS, False, _PURE_SHARES[MOST_LAMPS][0]).terms
+    found = [first.matrices, *first.passed_over, *_otherwise(given)]
     found = [one for one in found if not known.rejects(one)] or found[:1]
-    level = _cost_level(reduced)
-    cost = min(_cost(one, problem.terms, level) for one in found)
+    cost = min(_cost(one, terms, _cost_level(reduced)) for one in found)
     matrices = min(found, key=lambda one: unexplained(reduced, evidence, one))
     return Fit(matrices, np.inf if known.rejects(matrices) else cost)
 
 
-def _leaves_nothing(reduced: ReducedPair, matrices: Floats64, known: Known) -> bool:
+def _leaves_nothing(given: FitInput, matrices: Floats64) -> bool:
     """Whether lamps, of which none is known, leave no light over."""
-    if known.pinned or known.rejects(matrices):
+    if given.known.pinned or given.known.rejects(matrices):
         return False
-    return mean_left_over(reduced, matrices) < _NOTHING
+    return mean_left_over(given.reduced, matrices) < _NOTHING
 
 
-def _candidates(evidence: Evidence, model: Model) -> Floats64:
+def _candidates(given: FitInput) -> Floats64:
     """Matrices (k, 3, 3) that may be lamps."""
-    return model.lamp_matrix(start_points(evidence, model.tensor))
+    return given.model.lamp_matrix(start_points(given.evidence, given.model.tensor))
 
 
 def _cost_level(reduced: ReducedPair) -> float:
     return _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
 
 
-def _otherwise(problem: Problem, evidence: Evidence, candidates: Floats64) -> Iterator[Floats64]:
+def _otherwise(given: FitInput) -> Iterator[Floats64]:
     """Three lamps (3, 3, 3) by the outline, and by other shares of pure pixels."""
-    known = problem.known
+    candidates = _candidates(given)
     usual, *others = _PURE_SHARES[MOST_LAMPS]
     for outline, share in ((True, usual), *((False, one) for one in others)):
-        other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
-        yield search(other, candidates)[0]
+        yield search(_problem(given, MOST_LAMPS, outline, share), candidates)[0]
 
 
-def _left(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -> Floats64:
+def _left(given: FitInput, matrices: Floats64) -> Floats64:
     """What two or three lamps leave.
 
     Of two the light in all, and where most is left; of three, whose light explains nearly any, all
     signs.
     """
+    reduced = given.reduced
     if len(matrices) == MOST_LAMPS:
-        return np.array([unexplained(reduced, evidence, matrices)])
+        return np.array([unexplained(reduced, given.evidence, matrices)])
     return np.array([mean_left_over(reduced, matrices), left_over(reduced, matrices)])
 
 
-def _published(reduced: ReducedPair, model: Model, lamps: int) -> Floats64 | None:
+def _published(given: FitInput, lamps: int) -> Floats64 | None:
     """Matrices (N, 3, 3) of unit norm of the lamps that the published method finds, if any."""
+    model = given.model
     try:
-        matrices = model.lamp_matrix(lights_of_pair(reduced, model, lamps))
+        matrices = model.lamp_matrix(lights_of_pair(given.reduced, model, lamps))
     except UnusablePairError:  # hardly any pixels agree
         return None
     return np.asarray(matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True))
 
 
-def _problem(
-    evidence: Evidence,
-    prior: MatrixPrior,
-    lamps: int,
-    outline: bool,
-    pure_share: float,
-    known: Known,
-) -> Problem:
+def _problem(given: FitInput, lamps: int, outline: bool, pure_share: float) -> Problem:
+    evidence, prior, known = given.evidence, given.model.prior, given.known
     terms = make_terms(evidence, lamps, outline, pure_share, known.flash_white)
     if not outline:
         return Problem(lamps, terms, prior, LEVELS, known)

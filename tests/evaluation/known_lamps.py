@@ -25,7 +25,7 @@ from pipeline.lamps.contradictions import contradictions
 from pipeline.lamps.known_lamps import find_known
 from pipeline.light.model import build_model
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
+from pipeline.matrixfit.fit import Fit, FitInput, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.options import Options
 from pipeline.spectra.cameras import find_camera
@@ -122,9 +122,9 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
     evidence = gather_evidence(shot.reduced)
 
     def fit(known: Known) -> tuple[Fit, float, tuple[int, ...]]:
-        usual = fit_matrices(shot.reduced, evidence, model, shot.count, known)
-        usual = fit_pools(shot.reduced, evidence, model, known, usual)
-        found = follow_outwards(shot.reduced, evidence, model, known, usual)
+        given = FitInput(shot.reduced, evidence, model, known)
+        usual = fit_pools(given, fit_matrices(given, shot.count))
+        found = follow_outwards(given, usual)
         layers = dealt_out(shot.photograph, *shot.filtered, found.matrices)
         return found, *joint_snr(shot.truth, layers, shot.valid)
 
@@ -152,7 +152,7 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
         except InputError:
             continue  # the area is dark, or clipped
         found, after, _ = fit(known)
-        said = contradictions(shot.reduced, evidence, known, found, free)
+        said = contradictions(FitInput(shot.reduced, evidence, model, known), found, free)
         pinned.append(Pinned(scene.name, kind, (before, after), bool(said)))
     return named, pinned
 

@@ -15,8 +15,12 @@ from pipeline.images.noise import Noise
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model, build_model
 from pipeline.matrixfit.deviations import no_deviations
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.fit import FitInput
+from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.pair.align import NOT_ATTEMPTED
 from pipeline.pair.pair import Pair
+from pipeline.pair.reduced import reduce_pair
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.ball import make_ball
@@ -191,6 +195,18 @@ def shadowed(
         z = (falloff * lit)[: len(matrices)]
         light = np.einsum("nhw,nkl,hwl->hwk", z, matrices, flash_part.astype(np.float64))
         return pair_of(light, flash_part)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def fit_input(model: Model) -> Callable[..., FitInput]:
+    """Gather what the lamps of a pair are fitted to."""
+
+    def build(pair: Any, known: Known | None = None) -> FitInput:
+        reduced = reduce_pair(pair)
+        known = known or nothing_known(model.flash_white)
+        return FitInput(reduced, gather_evidence(reduced), model, known)
 
     return build
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,10 +13,9 @@ from pipeline.images.noise import Noise
 from pipeline.lamps import count
 from pipeline.lamps.count import Count, count_lamps, signs_of_fourth
 from pipeline.light.model import Model
-from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.fit import Fit, FitInput, fit_matrices, fit_pin
 from pipeline.matrixfit.known import nothing_known
-from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.reduced_pairs import reduced_pair
@@ -27,36 +26,22 @@ SETS = [(0,), (1,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
 FOURTH = np.array([[0.69, 0.3, 0.65]])
 
 
-@dataclass(frozen=True)
-class Counting:
-    """Counting with one model's fits."""
-
-    model: Model
-
-    def evidence(self, pair: Any) -> tuple[ReducedPair, Evidence]:
-        reduced = reduce_pair(pair)
-        return reduced, gather_evidence(reduced)
-
-    def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
-        return fit_matrices(
-            reduced, evidence, self.model, lamps, nothing_known(self.model.flash_white)
-        )
-
-    def __call__(self, pair: Any) -> Count:
-        reduced, evidence = self.evidence(pair)
-        fit = partial(self.fit, reduced, evidence)
-        return count_lamps(reduced, evidence, self.model, fit, fit)
-
-
 @pytest.fixture
-def counted(model: Model) -> Counting:
-    return Counting(model)
+def counted(fit_input: Callable[..., FitInput]) -> Callable[[Any], Count]:
+    """Count the lamps of a pair by their fits."""
+
+    def of_pair(pair: Any) -> Count:
+        given = fit_input(pair)
+        fit = partial(fit_matrices, given)
+        return count_lamps(given, fit, fit)
+
+    return of_pair
 
 
 @pytest.mark.parametrize("which", SETS)
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])
 def test_lamps_are_counted(
-    counted: Counting,
+    counted: Callable[[Any], Count],
     exact: Callable[..., tuple[Any, Floats64]],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
@@ -72,7 +57,7 @@ def test_lamps_are_counted(
 
 
 def test_one_lamp_need_not_fit_the_model(
-    counted: Counting, pair_of: Callable[..., Any], flash_part: Floats32
+    counted: Callable[[Any], Count], pair_of: Callable[..., Any], flash_part: Floats32
 ) -> None:
     matrix = np.array([[0.8, 0.15, 0.0], [0.1, 0.4, 0.1], [0.0, 0.2, 0.3]])
 
@@ -80,13 +65,12 @@ def test_one_lamp_need_not_fit_the_model(
 
 
 def test_signs_of_a_fourth_lamp_are_those_of_four(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
+    fit_input: Callable[..., FitInput], shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     for lamps, more in ((warm_to_cool, False), (np.vstack([warm_to_cool, FOURTH]), True)):
-        reduced, evidence = counted.evidence(shadowed(lamps))
-        matrices = counted.fit(reduced, evidence, 3).matrices
+        given = fit_input(shadowed(lamps))
 
-        assert signs_of_fourth(reduced, evidence, counted.model, matrices) is more
+        assert signs_of_fourth(given, fit_matrices(given, 3).matrices) is more
 
 
 @pytest.mark.parametrize(
@@ -94,7 +78,7 @@ def test_signs_of_a_fourth_lamp_are_those_of_four(
 )
 @pytest.mark.parametrize("rendered", [False, True])
 def test_either_sign_of_a_fourth_lamp_will_do(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     shadowed: Shadowed,
     model: Model,
     warm_to_cool: Floats64,
@@ -105,30 +89,29 @@ def test_either_sign_of_a_fourth_lamp_will_do(
     rendered: bool,
 ) -> None:
     pair = replace(shadowed(warm_to_cool), rendered=rendered)
-    reduced, evidence = counted.evidence(pair)
     monkeypatch.setattr(count, "unexplained", lambda *_: left)
     monkeypatch.setattr(count, "gain_of_fourth", lambda *_: gain)
 
-    found = signs_of_fourth(reduced, evidence, model, model.lamp_matrix(warm_to_cool))
+    found = signs_of_fourth(fit_input(pair), model.lamp_matrix(warm_to_cool))
 
     assert found is more
 
 
 def test_no_fourth_lamp_is_told_where_edges_tell_nothing(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     exact: Callable[..., tuple[Any, Floats64]],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    reduced, evidence = counted.evidence(exact(warm_to_cool)[0])
     monkeypatch.setattr(count, "unexplained", lambda *_: 9.0)
+    given = fit_input(exact(warm_to_cool)[0])
 
-    assert not signs_of_fourth(reduced, evidence, model, model.lamp_matrix(warm_to_cool))
+    assert not signs_of_fourth(given, model.lamp_matrix(warm_to_cool))
 
 
 def test_nearly_equal_lamps_count_as_one_and_less_surely(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
+    counted: Callable[[Any], Count], shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     warm, _, cool = warm_to_cool
     found = [
@@ -141,7 +124,7 @@ def test_nearly_equal_lamps_count_as_one_and_less_surely(
 
 
 def test_noise_that_is_known_does_not_make_a_lamp(
-    counted: Counting,
+    counted: Callable[[Any], Count],
     pair_of: Callable[..., Any],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
@@ -166,7 +149,7 @@ def costs(*values: float) -> Callable[[int], Fit]:
 
 @pytest.fixture
 def by_costs(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     pair_of: Callable[..., Any],
     flash_part: Floats32,
     monkeypatch: pytest.MonkeyPatch,
@@ -175,12 +158,14 @@ def by_costs(
     monkeypatch.setattr(count, "is_gloss", lambda *_: False)
     monkeypatch.setattr(count, "scatter_within_colours", lambda *_: 1.0)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.09)
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
-    assert not len(evidence.differences)
+    given = fit_input(pair_of(0.5 * flash_part, flash_part))
+    assert not len(given.evidence.differences)
+    pin = fit_pin(given.evidence.pixels, given.model, of_area=True)
 
-    def run(*values: float, least: int = 1) -> Count:
+    def run(*values: float, pins: int = 0) -> Count:
         fit = costs(*values)
-        return count_lamps(reduced, evidence, counted.model, fit, fit, least)
+        known = replace(given.known, pinned=pins * (pin,))
+        return count_lamps(replace(given, known=known), fit, fit)
 
     return run
 
@@ -216,7 +201,7 @@ def test_a_lamp_is_counted_by_what_it_gains(
     ],
 )
 def test_gloss_or_colours_that_explain_as_much_are_no_lamp(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     pair_of: Callable[..., Any],
     flash_part: Floats32,
     monkeypatch: pytest.MonkeyPatch,
@@ -227,21 +212,19 @@ def test_gloss_or_colours_that_explain_as_much_are_no_lamp(
     found: tuple[int, float],
 ) -> None:
     """Gloss where the second lamp gains little, and both where the file's colours are linear."""
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    pair = replace(pair_of(0.5 * flash_part, flash_part), rendered=rendered)
     monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
     monkeypatch.setattr(count, "scatter_within_colours", lambda *_: within)
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     fit = costs(0, -second, 900 - second)
 
-    counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
+    counts = count_lamps(fit_input(pair), fit, fit)
 
     assert (counts.number, round(counts.confidence, 1)) == found
 
 
 @pytest.mark.parametrize("lamp", ["A", "FL2", "LED-B1"])
-def test_many_paints_under_one_lamp_make_no_second(
-    counted: Counting, camera: Camera, model: Model, lamp: str
-) -> None:
+def test_many_paints_under_one_lamp_make_no_second(camera: Camera, model: Model, lamp: str) -> None:
     """Sixty measured surfaces in tiles, without noise: no matrix takes all of them to its light."""
     rng = np.random.default_rng(4)
     surfaces = reflectance_spectra()[rng.choice(len(reflectance_spectra()), 60, replace=False)]
@@ -249,10 +232,11 @@ def test_many_paints_under_one_lamp_make_no_second(
     seen = (surfaces @ (camera.sensitivities * find_light(light)).T for light in (lamp, "xenon"))
     light, flash = (colours[tiles] / colours.max() for colours in seen)
     reduced = reduced_pair(0.6 * light * np.linspace(0.3, 1, 80)[None, :, None], 0.5 * flash)
-    evidence = gather_evidence(reduced)
-    fit = partial(counted.fit, reduced, evidence)
+    nothing = nothing_known(model.flash_white)
+    given = FitInput(reduced, gather_evidence(reduced), model, nothing)
+    fit = partial(fit_matrices, given)
 
-    assert count_lamps(reduced, evidence, model, fit, fit) == Count(1, 0.8)
+    assert count_lamps(given, fit, fit) == Count(1, 0.8)
 
 
 @pytest.mark.parametrize(
@@ -260,7 +244,7 @@ def test_many_paints_under_one_lamp_make_no_second(
     [(0.1, 0.09, -121, 2), (0.1, 0.09, -119, 3), (0.0, 0.29, -215, 2), (0.0, 0.29, -213, 3)],
 )
 def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -272,10 +256,9 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     """A tenth of the differences off is worth 0.8 times 150, light beside both 1.3 for each e."""
     monkeypatch.setattr(count, "share_off", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: beside)
-    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
 
     fit = costs(0, -900, -900 - third)
-    found = count_lamps(reduced, evidence, counted.model, fit, fit)
+    found = count_lamps(fit_input(shadowed(warm_to_cool[:2])), fit, fit)
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.55
@@ -286,7 +269,7 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     [(0.1, -1.0, 2), (0.1, 130.0, 3), (0.16, -900.0, 3)],
 )
 def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -297,16 +280,15 @@ def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
     """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
     monkeypatch.setattr(count, "share_off", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.1 * np.exp(-1.6 / 1.3) - 0.01)
-    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
     gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
 
-    found = count_lamps(reduced, evidence, counted.model, *gains)
+    found = count_lamps(fit_input(shadowed(warm_to_cool[:2])), *gains)
 
     assert found.number == number
 
 
 @pytest.mark.parametrize(
-    ("second", "third", "least", "number", "confidence"),
+    ("second", "third", "pins", "number", "confidence"),
     [
         (1.0, -1455.0, 2, 2, 0.99),
         (1.0, -554.0, 2, 3, 0.5),
@@ -318,12 +300,12 @@ def test_no_fewer_lamps_are_counted_than_are_known(
     by_costs: Callable[..., Count],
     second: float,
     third: float,
-    least: int,
+    pins: int,
     number: int,
     confidence: float,
 ) -> None:
     """And of what is known, no more is to be told: 0.5 belongs to a gain at the limit."""
-    found = by_costs(0, -second, -second - third, least=least)
+    found = by_costs(0, -second, -second - third, pins=pins)
 
     assert found.number == number
     assert found.confidence == pytest.approx(confidence, abs=0.02)
@@ -351,7 +333,7 @@ def test_numbers_that_cannot_be_are_not_counted(
 
 
 def test_counting_is_the_same_every_time(
-    counted: Counting, shadowed: Shadowed, warm_to_cool: Floats64
+    counted: Callable[[Any], Count], shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
     pair = shadowed(warm_to_cool[[0, 2]])
 
@@ -369,7 +351,7 @@ def test_counting_is_the_same_every_time(
     ],
 )
 def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
-    counted: Counting,
+    counted: Callable[[Any], Count],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -392,7 +374,7 @@ def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
     [(False, 299.0, 1), (False, 301.0, 2), (True, 599.0, 1), (True, 601.0, 2)],
 )
 def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
-    counted: Counting,
+    fit_input: Callable[..., FitInput],
     shadowed: Shadowed,
     model: Model,
     warm_to_cool: Floats64,
@@ -401,7 +383,7 @@ def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
     gain: float,
     number: int,
 ) -> None:
-    reduced, evidence = counted.evidence(replace(shadowed(warm_to_cool), rendered=rendered))
+    given = fit_input(replace(shadowed(warm_to_cool), rendered=rendered))
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     monkeypatch.setattr(count, "share_off", lambda *_: 0.0)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.0)
@@ -410,12 +392,12 @@ def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
     def fit(lamps: int) -> Fit:
         return Fit(matrices[:lamps], gain if lamps == 1 else 0.0)
 
-    assert count.count_lamps(reduced, evidence, model, fit, fit).number == number
+    assert count_lamps(given, fit, fit).number == number
 
 
 @pytest.mark.parametrize(("rendered", "numbers"), [(True, {1}), (False, {2, 3})])
 def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
-    counted: Counting,
+    counted: Callable[[Any], Count],
     pair_of: Callable[..., Any],
     shadowed: Shadowed,
     warm_to_cool: Floats64,

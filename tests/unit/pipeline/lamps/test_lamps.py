@@ -363,7 +363,7 @@ def test_a_fourth_is_told_by_lamps_of_pools_before_they_are_followed_outwards(
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(usual, 0.0))
     monkeypatch.setattr(lamps, "fit_pools", lambda *_: Fit(moved, 0.0))
     monkeypatch.setattr(lamps, "follow_outwards", lambda *_: Fit(outwards, 0.0))
-    monkeypatch.setattr(lamps, "signs_of_fourth", lambda *given: np.array_equal(given[3], moved))
+    monkeypatch.setattr(lamps, "signs_of_fourth", lambda _, found: np.array_equal(found, moved))
 
     found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, 3, "best")
 

@@ -15,7 +15,7 @@ from pipeline.lamps import lamps
 from pipeline.lamps.lamps import estimate_lamps
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import evidence_of_surfaces
-from pipeline.matrixfit.fit import Fit, fit_pin
+from pipeline.matrixfit.fit import Fit, FitInput, fit_pin
 from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code
@@ -109,9 +109,9 @@ def test_counting_begins_with_what_is_known_and_never_below_one(
     """Where more lamps are less likely, it ends there, too."""
     asked = set()
 
-    def fit(*arguments: Any) -> Fit:
-        asked.add(arguments[3])
-        return Fit(model.lamp_matrix(warm_to_cool[: arguments[3]]), 900.0 * arguments[3])
+    def fit(_: FitInput, lamps: int, *__: Fit) -> Fit:
+        asked.add(lamps)
+        return Fit(model.lamp_matrix(warm_to_cool[:lamps]), 900.0 * lamps)
 
     monkeypatch.setattr(lamps, "fit_matrices", fit)
     known = None if pins is None else pinned(warm_to_cool[:pins])
@@ -176,10 +176,11 @@ def test_a_forbidden_lamp_that_is_missed_is_told(
     true = model.lamp_matrix(warm_to_cool[:2])
     white = true[0] @ model.flash_white
     known = replace(nothing_known(model.flash_white), forbidden=white[None] / np.linalg.norm(white))
-    monkeypatch.setattr(
-        lamps, "fit_matrices", lambda *given: Fit(true, 0.0 if len(given[4].forbidden) else -100.0)
-    )
 
+    def fit(given: FitInput, *_: object) -> Fit:
+        return Fit(true, 0.0 if len(given.known.forbidden) else -100.0)
+
+    monkeypatch.setattr(lamps, "fit_matrices", fit)
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
 
     (warning,) = estimate_lamps(reduced, model, 2, "best", known).contradictions

@@ -12,7 +12,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
 from pipeline.lamps.whose_colours import camera_doubts, likely_camera, names_no_camera
 from pipeline.light.model import Model, build_model
-from pipeline.matrixfit.fit import first_fit
+from pipeline.matrixfit.fit import Fit, FitInput, first_fit
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code
@@ -151,10 +151,12 @@ def test_a_pair_without_blue_is_taken_for_srgb(
 def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
     other_sensor: Floats64, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(reduced: Any, evidence: Any, model: Model, *more: Any) -> Any:
-        if (model.camera.sensitivities < 0).any():  # sRGB's functions alone have negative parts
+    def failing(given: FitInput, lamps: int) -> Fit:
+        if (
+            given.model.camera.sensitivities < 0
+        ).any():  # sRGB's functions alone have negative parts
             raise UnusablePairError("hardly any pixel agrees")
-        return first_fit(reduced, evidence, model, *more)
+        return first_fit(given, lamps)
 
     monkeypatch.setattr("pipeline.lamps.whose_colours.first_fit", failing)
     pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
@@ -332,7 +334,7 @@ def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
 ) -> None:
     numbers: list[int] = []
 
-    def noting(_reduced: Any, _evidence: Any, _model: Model, number: int, _known: Any) -> Any:
+    def noting(_: FitInput, number: int) -> Fit:
         numbers.append(number)
         raise UnusablePairError("no sense in any pixel")
 

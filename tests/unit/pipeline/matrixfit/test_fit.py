@@ -11,11 +11,9 @@ from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.light.model import Model
 from pipeline.matrixfit import evidence, fit
-from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices
+from pipeline.matrixfit.fit import Fit, FitInput, first_fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
-from pipeline.pair.reduced import reduce_pair
 
 Off = Callable[[Floats64, Floats64], float]
 Fitted = Callable[[Any, int], Fit]
@@ -24,15 +22,9 @@ SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
 
 
 @pytest.fixture
-def fitted(model: Model) -> Fitted:
+def fitted(fit_input: Callable[..., FitInput]) -> Fitted:
     """Fit a number of lamps to a pair."""
-
-    def of_pair(pair: Any, lamps: int) -> Fit:
-        reduced = reduce_pair(pair)
-        evidence = gather_evidence(reduced)
-        return fit_matrices(reduced, evidence, model, lamps, nothing_known(model.flash_white))
-
-    return of_pair
+    return lambda pair, lamps: fit_matrices(fit_input(pair), lamps)
 
 
 @pytest.mark.parametrize("which", SETS)
@@ -61,6 +53,7 @@ def test_matrices_are_recovered(
 @pytest.mark.parametrize("scale", [1.0, 3.0])
 def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -74,10 +67,9 @@ def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
         return terms
 
     monkeypatch.setattr(fit, "make_terms", noting)
-    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
-
     known = nothing_known(scale * model.flash_white)
-    first_fit(reduced, gather_evidence(reduced), model, 2, known)
+
+    first_fit(fit_input(shadowed(warm_to_cool[:2]), known), 2)
 
     white = model.flash_white / model.flash_white.sum()
     np.testing.assert_allclose(made, [white])
@@ -89,6 +81,7 @@ def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
 )
 def test_no_mirror_takes_the_place_of_its_lamp(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -97,21 +90,20 @@ def test_no_mirror_takes_the_place_of_its_lamp(
     again: bool,
 ) -> None:
     """A share of the differences has a lamp's own colour, on surfaces of many."""
-    pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
-    reduced, known = reduce_pair(pair), nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced)
+    given = fit_input(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered))
     own = model.lamp_matrix(warm_to_cool[2]) @ model.flash_white
-    data = evidence.differences
+    data = given.evidence.differences
     some = np.arange(len(data)) % 10 < 10 * mirrored
     u = np.where(some[:, None], own[:2] / own.sum(), data.u)
-    evidence = replace(evidence, differences=replace(data, u=u))
+    evidence = replace(given.evidence, differences=replace(data, u=u))
+    given = replace(given, evidence=evidence)
 
-    found = first_fit(reduced, evidence, model, 2, known)
+    found = first_fit(given, 2)
 
     monkeypatch.setattr(
         fit, "make_terms", lambda *given: [without_mirrors(term) for term in make_terms(*given)]
     )
-    matt = first_fit(reduced, evidence, model, 2, known)
+    matt = first_fit(given, 2)
     assert np.array_equal(found.matrices, matt.matrices) == again
 
 
@@ -241,6 +233,7 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
 )
 def test_several_lamps_are_searched_from_the_published_ones_too(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -255,9 +248,8 @@ def test_several_lamps_are_searched_from_the_published_ones_too(
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
     monkeypatch.setattr(fit, "search", lambda *_: (wrong, cost))
     pair = replace(shadowed(warm_to_cool[which]), rendered=rendered)
-    reduced, nothing = reduce_pair(pair), nothing_known(model.flash_white)
 
-    found = first_fit(reduced, gather_evidence(reduced), model, len(which), nothing)
+    found = first_fit(fit_input(pair), len(which))
 
     assert off(wrong, true) > 0.1
     assert (off(found.matrices, true) < 0.006) == corrected

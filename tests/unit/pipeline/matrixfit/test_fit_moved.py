@@ -12,18 +12,23 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
 from pipeline.matrixfit import fit
-from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
+from pipeline.matrixfit.fit import Fit, FitInput, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.search import Problem
-from pipeline.pair.reduced import reduce_pair
 
 Off = Callable[[Floats64, Floats64], float]
+
+
+def edges_for_pools(given: FitInput) -> FitInput:
+    """Take the edges of shadows for pools of light, too."""
+    evidence = replace(given.evidence, pools=given.evidence.differences)
+    return replace(given, evidence=evidence)
 
 
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_pools_beside_edges_move_lamps(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     off: Off,
@@ -32,43 +37,41 @@ def test_pools_beside_edges_move_lamps(
     """All lamps hold some of the next one's light, and edges tell nothing."""
     true = model.lamp_matrix(warm_to_cool[which])
     true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
-    reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced)
-    anywhere = np.random.default_rng(1).uniform(0.0, 0.6, found.differences.u.shape)
-    found = replace(
-        found, differences=replace(found.differences, u=anywhere), pools=found.differences
-    )
+    given = fit_input(shadowed(warm_to_cool[which]))
+    edges = given.evidence.differences
+    anywhere = replace(edges, u=np.random.default_rng(1).uniform(0.0, 0.6, edges.u.shape))
+    given = replace(given, evidence=replace(given.evidence, differences=anywhere, pools=edges))
     usual = Fit(0.9 * true + 0.1 * np.roll(true, 1, axis=0), 7.0)
 
-    moved = fit_pools(reduced, found, model, nothing, usual)
+    moved = fit_pools(given, usual)
 
     assert off(usual.matrices, true) > 0.04
     assert off(moved.matrices, true) < 0.008
     assert moved.cost == 7.0  # lamps are counted without pools
-    assert fit_pools(reduced, found.surest, model, nothing, usual) is usual
+    assert fit_pools(given.surest, usual) is usual
 
 
 def test_beside_edges_lamps_are_found_without_pools(
     shadowed: Callable[[Floats64], Any],
-    model: Model,
+    fit_input: Callable[..., FitInput],
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also where they leave much, and are found in other ways."""
-    reduced, nothing = reduce_pair(shadowed(warm_to_cool)), nothing_known(model.flash_white)
-    found = gather_evidence(reduced)
-    wrong = replace(found.differences, u=found.differences.u[::-1])
+    given = fit_input(shadowed(warm_to_cool))
+    edges = given.evidence.differences
+    wrong = replace(edges, u=edges.u[::-1])
     asked: list[int] = []
 
-    def noting(_: Problem, evidence: Evidence, __: Floats64) -> list[Floats64]:
-        asked.append(len(evidence.pools))
+    def noting(given: FitInput) -> list[Floats64]:
+        asked.append(len(given.evidence.pools))
         return []
 
     monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
     monkeypatch.setattr(fit, "_otherwise", noting)
     one, other = (
-        fit_matrices(reduced, replace(found, pools=pools), model, 3, nothing)
-        for pools in (wrong, found.surest.pools)
+        fit_matrices(replace(given, evidence=replace(given.evidence, pools=pools)), 3)
+        for pools in (wrong, given.surest.evidence.pools)
     )
 
     np.testing.assert_array_equal(one.matrices, other.matrices)
@@ -80,6 +83,7 @@ def test_beside_edges_lamps_are_found_without_pools(
 @pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_coves_are_left_out_of_the_pools_of_three_lamps(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -88,10 +92,10 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
 ) -> None:
     """Every second pool has the light of all lamps."""
     true = model.lamp_matrix(warm_to_cool[which])
-    reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced)
-    corners = found.differences.corners(true)
-    some = np.arange(len(found.differences)) % 2 > 0
+    given = fit_input(shadowed(warm_to_cool[which]))
+    edges = given.evidence.differences
+    corners = edges.corners(true)
+    some = np.arange(len(edges)) % 2 > 0
     u = np.where(some[:, None], corners.mean(axis=0), corners[0])
     asked: list[int] = []
 
@@ -102,8 +106,8 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
     monkeypatch.setattr(fit, "follow", noting)
     monkeypatch.setattr(fit, "search", noting)
     monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
-    pools = replace(found.differences, u=u)
-    step(reduced, replace(found, pools=pools), model, nothing, Fit(true, 1.0))
+    evidence = replace(given.evidence, pools=replace(edges, u=u))
+    step(replace(given, evidence=evidence), Fit(true, 1.0))
 
     assert asked
     assert set(asked) == {len(some) if len(which) == 2 else len(some) - some.sum()}
@@ -123,6 +127,7 @@ def test_coves_are_left_out_of_the_pools_of_three_lamps(
 )
 def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -146,39 +151,40 @@ def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
     if forbidden is not None:
         whites = model.lamp_matrix(warm_to_cool[[forbidden]]) @ model.flash_white
         known = replace(known, forbidden=whites / np.linalg.norm(whites))
-    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
-    found = gather_evidence(reduced)
-    found = replace(found, pools=found.differences)
+    given = edges_for_pools(fit_input(shadowed(warm_to_cool[[0, 2]]), known))
 
-    moved = fit_pools(reduced, found, model, known, Fit(lamps["usual"], 1.0))
+    moved = fit_pools(given, Fit(lamps["usual"], 1.0))
 
     np.testing.assert_array_equal(moved.matrices, lamps[taken])
 
 
 def test_pools_leave_one_lamp_and_forbidden_ones_as_they_are(
-    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64
+    shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
+    model: Model,
+    warm_to_cool: Floats64,
 ) -> None:
-    reduced, nothing = reduce_pair(shadowed(warm_to_cool[:1])), nothing_known(model.flash_white)
-    found = gather_evidence(reduced)
-    found = replace(found, pools=found.differences)
+    given = edges_for_pools(fit_input(shadowed(warm_to_cool[:1])))
     one = Fit(model.lamp_matrix(warm_to_cool[:1]), 1.0)
     none = Fit(model.lamp_matrix(warm_to_cool[:2]), np.inf)
 
-    assert fit_pools(reduced, found, model, nothing, one) is one
-    assert fit_pools(reduced, found, model, nothing, none) is none
+    assert fit_pools(given, one) is one
+    assert fit_pools(given, none) is none
 
 
 def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
-    shadowed: Callable[[Floats64], Any], model: Model, warm_to_cool: Floats64, off: Off
+    shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
+    model: Model,
+    warm_to_cool: Floats64,
+    off: Off,
 ) -> None:
     """Both lamps hold some of the other's light, as where nearly all light is mixed."""
     true = model.lamp_matrix(warm_to_cool[[0, 2]])
     true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
     within = 0.9 * true + 0.1 * true[::-1]
-    reduced, nothing = reduce_pair(shadowed(warm_to_cool[[0, 2]])), nothing_known(model.flash_white)
-    evidence = gather_evidence(reduced)
 
-    found = follow_outwards(reduced, evidence, model, nothing, Fit(within, 7.0))
+    found = follow_outwards(fit_input(shadowed(warm_to_cool[[0, 2]])), Fit(within, 7.0))
 
     assert off(within, true) > 0.05
     assert off(found.matrices, true) < 0.006
@@ -198,6 +204,7 @@ def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
 )
 def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -221,10 +228,9 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     known = nothing_known(model.flash_white)
     if forbidden:
         known = replace(known, forbidden=warm_to_cool[2:])
-    reduced = reduce_pair(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered))
-    evidence = gather_evidence(reduced)
+    pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
 
-    found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
+    found = follow_outwards(fit_input(pair, known), Fit(usual, 1.0))
 
     np.testing.assert_array_equal(found.matrices, other if taken else usual)
 
@@ -235,6 +241,7 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
 )
 def test_three_lamps_give_way_to_those_that_leave_clearly_less(
     shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
     model: Model,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
@@ -250,9 +257,7 @@ def test_three_lamps_give_way_to_those_that_leave_clearly_less(
 
     monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
     monkeypatch.setattr(fit, "unexplained", left)
-    known, reduced = nothing_known(model.flash_white), reduce_pair(shadowed(warm_to_cool))
-    evidence = gather_evidence(reduced)
 
-    found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
+    found = follow_outwards(fit_input(shadowed(warm_to_cool)), Fit(usual, 1.0))
 
     np.testing.assert_array_equal(found.matrices, other if taken else usual)
