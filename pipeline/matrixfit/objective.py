@@ -15,6 +15,7 @@ from pipeline.matrixfit.mixture import blocks, mixture
 
 # Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
 _EM_ROUNDS = 3
+_PSEUDO_COUNT = 25.0
 _COVES = 0.15  # of pools, at first
 _MIRRORED = 0.15  # of the differences, at first; where nothing is glossy the rounds take it away
 
@@ -51,6 +52,13 @@ class Term:
     weights: Floats64
     pseudo_count: float | None
     mirrored: Floats64 = field(default_factory=lambda: np.zeros(3))
+
+
+_PIXELS = Shape(interior=True, extension=0.0, outlier=1.5, spread=1.0)
+_OUTLINE = replace(_PIXELS, area_power=0.2)
+_ALONE = replace(_PIXELS, interior=False)
+_DIFFERENCES = Shape(interior=False, extension=0.5, outlier=6.0, spread=1.5)
+_TERMINATORS = replace(_DIFFERENCES, extension=0.0)
 
 
 class Whitened:
@@ -135,28 +143,14 @@ def make_terms(
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
     if outline:
-        shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
-        weights = {
-            1: (0.98, 0.02),
-            2: (0.003, 0.003, 0.974, 0.02),
-            3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
-        }
-        shown = Term(evidence.pixels, shape, np.array(weights[lamps]), None)
         return [
-            shown,
+            _outline_term(evidence.pixels, lamps),
             _terminator_term(evidence.terminators, lamps),
             difference_term(evidence.pools, lamps),
         ]
-    inside = {
-        1: (0.97, 0.03),
-        2: (pure_share, pure_share, 0.97 - 2 * pure_share, 0.03),
-        3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
-    }
-    # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
-    shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
     differences = difference_term(evidence.differences, lamps)
     return [
-        shown,
+        _pixel_term(evidence.pixels, lamps, pure_share),
         _with_mirrors(differences, flash_white) if lamps == 2 else differences,
         _pool_term(evidence.pools, lamps),
     ]
@@ -164,16 +158,14 @@ def make_terms(
 
 def alone_term(data: Data) -> Term:
     """The mixture of what one lamp shows alone."""
-    return Term(data, Shape(False, 0.0, 1.5, 1.0), np.array([0.98, 0.02]), None)
+    return Term(data, _ALONE, np.array([0.98, 0.02]), None)
 
 
 def difference_term(differences: Data, lamps: int) -> Term:
     """The mixture of differences across edges of shadows, or of pools, for one to four lamps."""
-    corners, edges = {1: (0.8, 0.0), 2: (0.4, 0.4)}.get(lamps, (0.39, 0.3))
-    pairs = lamps * (lamps - 1) // 2
-    weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.0])
-    weights[-1] = 1.0 - weights.sum()
-    return Term(differences, Shape(False, 0.5, 6.0, 1.5), weights, 25.0)
+    weights = _dealt({1: (0.8, 0.0), 2: (0.4, 0.4)}.get(lamps, (0.39, 0.3)), lamps)
+    weights = np.append(weights, 1.0 - weights.sum())
+    return Term(differences, _DIFFERENCES, weights, _PSEUDO_COUNT)
 
 
 def without_mirrors(term: Term) -> Term:
@@ -201,6 +193,27 @@ def _with_mirrors(term: Term, flash_white: Floats64) -> Term:
     return replace(term, weights=weights, mirrored=flash_white / flash_white.sum())
 
 
+def _pixel_term(pixels: Data, lamps: int, pure_share: float) -> Term:
+    """The mixture of pixels, of which each of several lamps lights a share alone."""
+    weights = {
+        1: (0.97, 0.03),
+        2: (pure_share, pure_share, 0.97 - 2 * pure_share, 0.03),
+        3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
+    }
+    # re-estimated, they give way until a corner sits in a cluster of pixels
+    return Term(pixels, _PIXELS, np.array(weights[lamps]), None)
+
+
+def _outline_term(pixels: Data, lamps: int) -> Term:
+    """The mixture of pixels where edges tell nothing: hardly any is lit by one lamp alone."""
+    weights = {
+        1: (0.98, 0.02),
+        2: (0.003, 0.003, 0.974, 0.02),
+        3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
+    }
+    return Term(pixels, _OUTLINE, np.array(weights[lamps]), None)
+
+
 def _pool_term(pools: Data, lamps: int) -> Term:
     """The mixture of pools beside edges: of three lamps, some bend all light, as coves do."""
     term = difference_term(pools, lamps)
@@ -213,7 +226,12 @@ def _pool_term(pools: Data, lamps: int) -> Term:
 
 def _terminator_term(terminators: Data, lamps: int) -> Term:
     """The mixture of terminators: one lamp's alone, seldom two that lie together."""
-    corners, edges = (0.9, 0.0) if lamps == 1 else (0.85, 0.05)
+    weights = _dealt((0.9, 0.0) if lamps == 1 else (0.85, 0.05), lamps)
+    return Term(terminators, _TERMINATORS, np.append(weights, 0.1), _PSEUDO_COUNT)
+
+
+def _dealt(shares: tuple[float, float], lamps: int) -> Floats64:
+    """Weights of corners and edges that have these shares together, each kind evenly."""
+    corners, edges = shares
     pairs = lamps * (lamps - 1) // 2
-    weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.1])
-    return Term(terminators, Shape(False, 0.0, 6.0, 1.5), weights, 25.0)
+    return np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs)
