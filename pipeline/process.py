@@ -96,11 +96,11 @@ def separate_files(
         warnings += camera_doubts(reduced, len(lamps), model.camera, before, build)
     warnings += estimate.warnings
     wanted, passed_over = held_outputs(wanted, before.size, len(lamps), options)
-    warnings += [*passed_over, *white_warnings(pair.no_flash, pair.white, wanted)]
+    warnings += [*passed_over, *white_warnings(pair.no_flash, pair.clipping, wanted)]
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    basis = mix_basis(pair.no_flash, pair.white, lamps, model)
+    basis = mix_basis(pair.no_flash, pair.clipping, lamps, model)
     directory.mkdir(parents=True, exist_ok=True)
     written = _write_outputs(pair, estimate, options, wanted, directory, progress, strip_rows)
     manifest = make_manifest(
@@ -142,7 +142,7 @@ def _write_outputs(
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
     photograph, way = pair.no_flash, options.normals
-    with Outputs(photograph, pair.white, small, estimate, wanted, directory, way) as outputs:
+    with Outputs(photograph, pair.clipping, small, estimate, wanted, directory, way) as outputs:
         for pictures in ahead(render(pair, estimate, options, wanted, progress, strip_rows)):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)

@@ -49,7 +49,7 @@ class TakenWith(BaseModel):
             make=frame.make,
             model=frame.model,
             body=digest,
-            rendered=frame.in_srgb,
+            rendered=frame.in_colour_space,
             encoding=frame.encoding,
             upright=frame.size[1] > frame.size[0],
             orientation=frame.orientation,

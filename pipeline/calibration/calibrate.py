@@ -184,7 +184,7 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarni
 
     named: whether the user named it.
     """
-    if frame.in_srgb:
+    if frame.in_colour_space:
         return [no_sensors_values(frame, named, "the spectrum of the flash")]
     if not camera.approximate:
         if named or not undeclared(frame):

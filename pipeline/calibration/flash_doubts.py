@@ -33,7 +33,7 @@ def flash_doubts(
             "or check it."
         )
         return [RunWarning(Code.CAMERA_DOUBTFUL, message)]
-    if camera.approximate or frame.in_srgb:  # which is told, and explains no chart well
+    if camera.approximate or frame.in_colour_space:  # which is told, and explains no chart well
         return []
     return _of_chart(flash) if flash.misfit > np.hypot(_CHART_MISFIT, patches.noise) else []
 

@@ -49,7 +49,7 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) 
     room, flash = pair.no_flash[:], pair.flash_part()
     spots = _spots(room, mask)
     found = [_lamp(room, spot, sphere, focal_px) for spot in spots]
-    if found and max(lamp[2] for lamp in found) <= _CLIPPED * pair.white:
+    if found and max(lamp[2] for lamp in found) <= _CLIPPED * pair.clipping:
         # a soft box is dimmer than a bulb of as much light, whose sum tells
         dimmer = _dimmer_spots(room, mask, spots)
         found += [_lamp(room, spot, sphere, focal_px) for spot in dimmer]
@@ -63,7 +63,7 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) 
     directions, powers, brightest = zip(*found[:wanted], strict=True)
     # noise can leave less than nothing of a channel
     colours = np.maximum(powers, 0.0) / max(float(np.max(powers)), 1e-12)
-    if max(brightest) > _CLIPPED * pair.white:
+    if max(brightest) > _CLIPPED * pair.clipping:
         colours = np.full_like(colours, np.nan)
     aside = [_lamp(flash, spot, sphere, focal_px)[0] for spot in _spots(flash, mask)[:1]]
     middle = view_sphere(

@@ -168,7 +168,7 @@ class Frame(CameraFacts):
         return self.pixels.shape[1], self.pixels.shape[0]
 
     @property
-    def in_srgb(self) -> bool:
+    def in_colour_space(self) -> bool:
         """Whether the file says that its colours are those of a space, not of a sensor."""
         return self.encoding == "srgb" or self.profiled
 

@@ -93,7 +93,7 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarnin
 
     frame: one of the files. camera: what was taken. named: whether the user named it.
     """
-    if frame.in_srgb:
+    if frame.in_colour_space:
         return [no_sensors_values(frame, named, "the separation")]
     if not camera.approximate:
         return []
@@ -145,7 +145,7 @@ def camera_doubts(
     renderings and profiled files, and where shadows have no edges.
     """
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
-    if frame.in_srgb or confirmed:
+    if frame.in_colour_space or confirmed:
         return []
     alone = lamps < _TELLING_LAMPS
     others = [(typical_sensor(), _LIKELIER_UNDER_ONE if alone else _SENSOR_LIKELIER)]

@@ -57,8 +57,8 @@ class Pair:
     parallax: share of the picture that lies elsewhere than the homography says, 0…1.
     moved: share of the picture in which something moved, 0…1.
     clipped: share of the picture that is clipped in one of the photographs, 0…1.
-    white: the value at which the no-flash photograph, and so the sum of the layers, is clipped: 1,
-        or infinite for float files that go on.
+    clipping: the value at which the no-flash photograph, and so the sum of the layers, is clipped:
+        1, or infinite for float files that go on.
     """
 
     no_flash: Photograph
@@ -76,7 +76,7 @@ class Pair:
     parallax: float
     moved: float
     clipped: float
-    white: float
+    clipping: float
     warnings: tuple[RunWarning, ...]
 
     def flash_part(self) -> Image:
@@ -95,7 +95,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     written = written_ratio(no_flash, flash, options)
     check_light(no_flash, flash)
     check_colours(no_flash, flash)
-    white = _white(no_flash, flash, options.flash_only)
+    clipping = _clipping(no_flash, flash, options.flash_only)
     progress.report("align", 0.0)
     laid = _Laid(flash.pixels, flash.unusable, NOT_ATTEMPTED, 0.0)
     if options.align:
@@ -126,7 +126,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         parallax=laid.parallax,
         moved=held.moved,
         clipped=float(np.mean(no_flash.saturated | flash.saturated)),
-        white=white,
+        clipping=clipping,
         warnings=(
             *orientation_warnings(no_flash, flash),
             *baseline_warnings(no_flash, flash, written),
@@ -235,7 +235,7 @@ def _held_against(
     return _Held(after, noises, settled, unusable, moved, tuple(warnings))
 
 
-def _white(no_flash: Frame, flash: Frame, flash_only: bool) -> float:
+def _clipping(no_flash: Frame, flash: Frame, flash_only: bool) -> float:
     """The value at which the no-flash photograph is clipped, infinite where it is not.
 
     Of one that stays below 1 the flash photograph tells, which is written as it was; a flash part

@@ -26,7 +26,7 @@ def shown_layers(layers: Floats32, whites: Matrix, clipping: float) -> Floats32:
 
     layers: linear camera RGB, their sum the photograph. whites: (N, 3), each lamp's light on a
     white card, no channel 0. clipping: the value at which the photograph is clipped, infinite where
-    it is not (Pair.white).
+    it is not (Pair.clipping).
     """
     if not np.isfinite(clipping) or layers.sum(axis=0).max(initial=0.0) < _CLIPPING[0] * clipping:
         return layers

@@ -65,7 +65,7 @@ class WhiteBalance:
     Where the flash part is of no use colours come from each lamp's layer; what is clipped is
     white where nothing tells its colour, and has no pink rim (pipeline.pictures.clipped).
 
-    clipping: the value at which highlights are clipped, infinite where none is (Pair.white).
+    clipping: the value at which highlights are clipped, infinite where none is (Pair.clipping).
     """
 
     def __init__(self, lamps: Lamps, model: Model, clipping: float) -> None:

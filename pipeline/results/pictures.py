@@ -64,7 +64,7 @@ def render(
             from pipeline.photometric_stereo.confidence import normals_confidence  # few ask for it
 
             trust = normals_confidence(strip, surface, normals)
-        pictures = _shown(strip, pair.white, balance, estimate, wanted)
+        pictures = _shown(strip, pair.clipping, balance, estimate, wanted)
         yield replace(pictures, normals=normals, normals_confidence=trust)
 
 
@@ -75,7 +75,7 @@ def overview(pair: Pair, estimate: Estimate, method: Method, wanted: frozenset[s
     """
     strip = separate_reduced(pair, estimate.reduced, estimate.lamps)
     balance = _balance(method, estimate, pair)
-    return _shown(strip, pair.white, balance, estimate, wanted)
+    return _shown(strip, pair.clipping, balance, estimate, wanted)
 
 
 def _shown(
@@ -116,4 +116,4 @@ def _balance(
 ) -> WhiteBalance | PublishedWhiteBalance:
     if method == "paper":
         return PublishedWhiteBalance(estimate.lamps, estimate.model)
-    return WhiteBalance(estimate.lamps, estimate.model, pair.white)
+    return WhiteBalance(estimate.lamps, estimate.model, pair.clipping)

@@ -69,7 +69,7 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     if request is not None:
         return named_camera(request)
     name = f"{frame.make} {frame.model}".strip()
-    if not frame.in_srgb and name:
+    if not frame.in_colour_space and name:
         camera = _measured(name) or _measured(frame.model, whole=True)
         if camera is not None:
             return camera

@@ -119,7 +119,7 @@ def pair_of() -> Callable[..., Pair]:
             "parallax": 0.0,
             "moved": 0.0,
             "clipped": 0.0,
-            "white": 1.0,
+            "clipping": 1.0,
             "warnings": (),
         }
         given.update(more)

@@ -95,7 +95,9 @@ def test_floats_that_go_on_above_1_have_no_clipped_highlights(pair_of: Callable[
     dark = photograph_room("mirror", 5, Plan(share=(0.5, 0.6), blur_px=0.0, exposure=0.05))
     assert dark.circle is not None
     pair = pair_of(Shot(dark.frames, (b"", b"")))
-    bright = replace(pair, no_flash=pair.no_flash[:] * 20, flash=pair.flash[:] * 20, white=np.inf)
+    bright = replace(
+        pair, no_flash=pair.no_flash[:] * 20, flash=pair.flash[:] * 20, clipping=np.inf
+    )
 
     found, expected = (mirror_lamps(one, dark.circle, 2, FOCAL_PX) for one in (bright, pair))
 

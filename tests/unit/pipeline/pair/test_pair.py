@@ -400,7 +400,7 @@ def test_a_rendered_pair_is_known_as_one(
 
 
 @pytest.mark.parametrize(
-    ("times", "cut", "encoding", "white"),
+    ("times", "cut", "encoding", "clipping"),
     [
         ((8, 8), (False, False), "linear", np.inf),
         ((8, 8), (True, True), "linear", 1.0),
@@ -418,7 +418,7 @@ def test_floats_that_go_on_above_1_were_not_cut_off_there(
     times: tuple[float, float],
     cut: tuple[bool, bool],
     encoding: str,
-    white: float,
+    clipping: float,
 ) -> None:
     """It is the no-flash photograph of whose clipping the value tells."""
     before, after = (
@@ -429,12 +429,12 @@ def test_floats_that_go_on_above_1_were_not_cut_off_there(
 
     pair = paired((before, after), align=False, exposure_ratio=times[1] / times[0])
 
-    assert pair.white == white
+    assert pair.clipping == clipping
     np.testing.assert_array_equal(pair.no_flash, before.pixels)
 
 
 @pytest.mark.parametrize(
-    ("encoding", "times", "white"),
+    ("encoding", "times", "clipping"),
     [("raw", 1, 1.0), ("linear", 1, 1.0), ("linear", 8, np.inf)],
 )
 def test_a_flash_part_alone_does_not_tell_where_the_photograph_was_cut_off(
@@ -443,10 +443,10 @@ def test_a_flash_part_alone_does_not_tell_where_the_photograph_was_cut_off(
     light: tuple[Floats64, Floats64],
     encoding: str,
     times: float,
-    white: float,
+    clipping: float,
 ) -> None:
     before, _ = frames()
     before = replace(before, pixels=before.pixels[:] * np.float32(times), encoding=encoding)
     part = frame(8 * light[1])
 
-    assert paired((before, part), flash_only=True, align=False).white == white
+    assert paired((before, part), flash_only=True, align=False).clipping == clipping

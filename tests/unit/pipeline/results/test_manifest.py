@@ -67,7 +67,7 @@ def manifest_of(
                 filled=0.123456,
                 files=[{"name": "layers.exr", "sha256": "cc"}],
             ),
-            "mix": mix_basis(pair.no_flash, pair.white, lamps, model),
+            "mix": mix_basis(pair.no_flash, pair.clipping, lamps, model),
             "calibrations": [{"kind": "flash", "name": "a"}],
             "warnings": [RunWarning(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }

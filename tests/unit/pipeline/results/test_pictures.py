@@ -187,7 +187,7 @@ def test_floats_that_go_on_above_1_keep_the_colours_of_their_highlights(
 ) -> None:
     """Under the neutral light, where clipped ones become white."""
     make = rendered if whole else seen_whole
-    pair, _ = exact(warm_to_cool, white=np.inf)
+    pair, _ = exact(warm_to_cool, clipping=np.inf)
     bright = replace(pair, no_flash=20 * pair.no_flash[:], flash=20 * pair.flash[:])
 
     found, plain = (make("white_balanced.exr", pair=one) for one in (bright, pair))
@@ -233,7 +233,7 @@ def test_what_is_shown_of_layers_has_clipped_light_in_its_lamps_colour(
     warm_to_cool: Floats64,
     model_with_response: Model,
 ) -> None:
-    pair = replace(exact(warm_to_cool)[0], white=1.0)
+    pair = replace(exact(warm_to_cool)[0], clipping=1.0)
     pair.no_flash[:8] = 1.0
 
     found = rendered("response.jpg", pair=pair)
