@@ -84,7 +84,9 @@ $(INSTALLED): requirements-build.lock requirements-dev.lock pyproject.toml
 	$(BIN)/python -m pip install --disable-pip-version-check --no-build-isolation --no-deps -e .
 	@touch $@
 
-# code belongs to one version of pipeline/, and is compiled anew when a file of it changes
+# code belongs to one version of pipeline/, and is compiled anew when a file of it changes; byte code
+# is kept where PYTHONDONTWRITEBYTECODE is set, too: else every process would make it anew
 $(COMPILED): $(INSTALLED) $(shell find pipeline -name '*.py')
+	$(BIN)/python -m compileall -q drivers pipeline service
 	$(BIN)/python -m service.compile
 	@touch $@
