@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.pair import Pair
-from tests.targets import Shot, other_colorchecker, photograph_chart
-from tests.unit.pipeline.calibration.runs import LAMP, LED, S
+from tests.targets import Shot, other_colorchecker, photograph_chart, photograph_sphere
+from tests.unit.pipeline.calibration.runs import DIRECTIONS, LAMP, LED, S
 
 
 @pytest.fixture(scope="session")
@@ -33,3 +33,8 @@ def pair_of(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
 @pytest.fixture(scope="session")
 def chart() -> Shot:
     return photograph_chart(S, LED, LAMP, other_colorchecker(), noise=1.0)
+
+
+@pytest.fixture(scope="module")
+def ball() -> Shot:
+    return photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]))

@@ -1,21 +1,108 @@
-"""Whose colours the photographs of a calibration hold."""
+"""Flashes found by charts and cards, and whose colours the photographs hold."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pipeline.calibration import calibrate as module
-from pipeline.decode import decode
-from pipeline.errors import OptionError
+from pipeline.calibration import calibrate_flash
+from pipeline.calibration.marks import disc
+from pipeline.colour.temperature import cct_duv
+from pipeline.errors import UnusablePairError
+from pipeline.options import Circle
 from pipeline.spectra.cameras import Camera
+from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
-from tests.targets import CORNERS, Shot, other_colorchecker, photograph_chart
-from tests.unit.pipeline.calibration.runs import LAMP, LED, S, run
+from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.tables import parse_spectrum
+from tests.targets import (
+    CORNERS,
+    Shot,
+    other_colorchecker,
+    photograph_chart,
+)
+from tests.unit.pipeline.calibration.runs import (
+    LAMP,
+    LED,
+    S,
+    let_files_say,
+    of_the_flash,
+    run,
+)
+
+
+def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) -> None:
+    manifest = run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
+    data = (tmp_path / "flash.json").read_bytes()
+    spectrum = find_light(parse_spectrum(data))
+    seen, true = S @ spectrum, S @ LED
+    assert seen / seen[1] == pytest.approx(true / true[1], rel=0.02)
+    found = manifest["found"]
+    assert found["nearest"] == "LED-B5"
+    assert found["cct_k"] == pytest.approx(6598, abs=150)
+    white = cct_duv(cie_1931() @ spectrum)
+    assert white is not None and found["duv"] == pytest.approx(white[1], abs=6e-5)
+    assert (found["patches"], found["camera"]["source"]) == (24, "measured")
+    assert 0 < found["misfit"] < 0.05
+    contents = {name: (tmp_path / name).read_bytes() for name in ("flash.json", "marks.jpg")}
+    assert manifest["files"] == [
+        {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+        for name, content in contents.items()
+    ]
+    assert json.loads((tmp_path / "manifest.json").read_bytes()) == manifest
+    assert manifest["options"]["kind"] == "flash"
+    assert len(manifest["inputs"]["flash"]["sha256"]) == 64
+
+
+def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
+    card = {"x": 14, "y": 120, "radius": 12}
+    found = run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    spectrum = find_light(parse_spectrum((tmp_path / "flash.json").read_bytes()))
+    seen, true = S @ spectrum, S @ LED
+    assert found["patches"] == 1
+    assert seen / seen[1] == pytest.approx(true / true[1], rel=0.01)
+
+
+def test_a_flash_is_as_strong_as_its_light_on_white(chart: Shot, tmp_path: Path) -> None:
+    """By a grey card, which gives back 0.18 of it, or by the chart's white patch."""
+    card = {"x": 14.0, "y": 120.0, "radius": 12.0}
+    green = (chart.frames[1] - chart.frames[0])[..., 1]
+    x, y = np.round(CORNERS[3]).astype(int)
+    luminosity = cie_1931()[1] / cie_1931()[1].sum()
+    white = float(colorchecker_spectra()[18] @ luminosity)
+
+    by_card = run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    by_chart = run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")["found"]
+
+    seen = green[disc(green.shape, Circle(**card), "card")].mean()
+    assert by_card["strength"] == pytest.approx(seen / 0.18, rel=1e-3)
+    assert by_card["card"] == card
+    seen = green[y - 2 : y + 2, x - 2 : x + 2].mean()
+    assert by_chart["strength"] == pytest.approx(seen / white, rel=0.02)
+    assert by_chart["chart"] == [pytest.approx(corner, abs=0.006) for corner in CORNERS]
+
+
+def test_a_flash_like_no_light_has_no_temperature(chart: Shot, tmp_path: Path) -> None:
+    """Of a camera that takes green for the other channels, too."""
+    green = np.array([S[1] * gain for gain in (0.2, 1.0, 0.2)]) + 0.3 * S
+    nm = [380.0 + 5 * i for i in range(81)]
+    table = {"wavelength_nm": nm, **dict(zip("rgb", green.tolist(), strict=True))}
+    card = {"x": 14, "y": 120, "radius": 12}
+    found = run(chart, tmp_path, kind="flash", card=card, camera=table)["found"]
+    assert (found["cct_k"], found["duv"]) == (None, None)
+
+
+def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
+    red_for_blue = {"wavelength_nm": [380.0 + 5 * i for i in range(81)]}
+    table = {**red_for_blue, "r": S[2].tolist(), "g": S[1].tolist(), "b": S[0].tolist()}
+    with pytest.raises(UnusablePairError, match="check the marks and the camera"):
+        run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
 
 
 @pytest.mark.parametrize("camera", [None, "Nikon D5100"])
@@ -42,7 +129,7 @@ def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: P
 def test_a_camera_of_a_matrix_may_tell_the_flash(
     chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("own", S, "approximate"))
+    monkeypatch.setattr(calibrate_flash, "find_camera", lambda *_: Camera("own", S, "approximate"))
     manifest = run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12})
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
@@ -62,8 +149,10 @@ def test_linear_files_may_not_hold_what_the_sensor_of_their_camera_gives(
     warned: bool,
 ) -> None:
     """Of a measured camera, which RAW files and converted ones name alike."""
-    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), encoding=encoding))
-    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("Nikon D5100", S, "measured"))
+    let_files_say(monkeypatch, {"encoding": encoding})
+    monkeypatch.setattr(
+        calibrate_flash, "find_camera", lambda *_: Camera("Nikon D5100", S, "measured")
+    )
     card = {"x": 14, "y": 120, "radius": 12}
 
     found = _of_the_camera(run(chart, tmp_path, kind="flash", card=card, camera=camera))
@@ -90,23 +179,6 @@ def _of_the_camera(manifest: dict[str, Any]) -> list[dict[str, Any]]:
     return [warning for warning in manifest["warnings"] if warning["code"] in codes]
 
 
-@pytest.mark.parametrize(
-    ("told", "words"),
-    [
-        (None, "The flash was not told and the likeliest was taken, so that the camera takes over"),
-        ("A", "Other flashes explain the patches far better than the one that was named, whose"),
-        ("led", None),
-        ("LED-B5", None),
-    ],
-)
-def test_a_flash_that_is_not_told_or_wrong_is_warned_of(
-    chart: Shot, tmp_path: Path, told: str | None, words: str | None
-) -> None:
-    manifest = run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)
-    said = _of_the_flash(manifest)
-    assert [message[: len(words or "")] for message in said] == ([words] if words else [])
-
-
 @pytest.mark.parametrize(("gel", "warned"), [(None, False), (40.0, True)])
 def test_a_card_in_light_like_no_flash_is_warned_of(
     tmp_path: Path, gel: float | None, warned: bool
@@ -119,9 +191,9 @@ def test_a_card_in_light_like_no_flash_is_warned_of(
     by_chart = run(shot, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
     assert [
         f"which stays off by {by_card['found']['misfit']:.1%}, and with it" in message
-        for message in _of_the_flash(by_card)
+        for message in of_the_flash(by_card)
     ] == [True] * warned
-    assert _of_the_flash(by_chart) == []
+    assert of_the_flash(by_chart) == []
 
 
 @pytest.mark.parametrize(("shift", "codes"), [(0, []), (1, ["camera_doubtful"])])
@@ -130,7 +202,7 @@ def test_a_camera_named_that_is_not_the_files_is_warned_of(
 ) -> None:
     """By five nanometres, as like models are."""
     exif: Any = {"make": "NIKON", "model": "D5100", "encoding": "raw"}
-    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), **exif))
+    let_files_say(monkeypatch, exif)
     r, g, b = np.roll(S, shift, axis=1).tolist()
     table = {"wavelength_nm": WAVELENGTHS_NM.tolist(), "r": r, "g": g, "b": b}
     manifest = run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
@@ -138,36 +210,11 @@ def test_a_camera_named_that_is_not_the_files_is_warned_of(
     assert [code for code in said if code.endswith("doubtful")] == codes
 
 
-def _of_the_flash(manifest: dict[str, Any]) -> list[str]:
-    warnings = manifest["warnings"]
-    return [warning["message"] for warning in warnings if warning["code"] == "flash_doubtful"]
-
-
-def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="rendered to sRGB"):
-        run(chart, tmp_path, kind="camera", chart=CORNERS, encoding="srgb")
-    assert list(tmp_path.iterdir()) == []
-
-
-def _profiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let files say by a linear profile what colours they hold."""
-    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), profiled=True))
-
-
-def test_the_colours_of_a_profile_tell_no_sensitivities(
-    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _profiled(monkeypatch)
-    with pytest.raises(OptionError, match="the colours that their profile says"):
-        run(chart, tmp_path, kind="camera", chart=CORNERS)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("camera", [None, "Nikon D5100"])
 def test_the_colours_of_a_profile_may_tell_the_flash(
     chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str | None
 ) -> None:
-    _profiled(monkeypatch)
+    let_files_say(monkeypatch, {"profiled": True})
     card = {"x": 14, "y": 120, "radius": 12}
     manifest = run(chart, tmp_path, kind="flash", card=card, camera=camera)
     (warning,) = _of_the_camera(manifest)
