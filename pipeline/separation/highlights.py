@@ -1,58 +1,29 @@
-"""Highlights: light that a glossy surface mirrors, which does not have the surface's colour.
+"""Highlights: light that a glossy surface mirrors, dealt out to what is mirrored.
 
-The light of a surface is matt light, which has its colour, and mirrored light, which has that of
-the lamp (Shafer 1985, the dichromatic model). In the proportions of matt lamps alone a highlight
-is dealt out to the wrong ones. Where there are two lamps, all that a coloured surface gives of them
-matt lies in a plane, the colours of both lamps beside it; so highlights are told there.
+In the proportions of matt lamps alone a highlight, which does not have the surface's colour, is
+dealt out to the wrong ones.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.compiling import compiled, inlined
+from pipeline.compiling import compiled
 from pipeline.images.enlarge import enlarge
-from pipeline.images.frames import (
-    Colour,
-    Image,
-    Mask,
-    Numbers,
-    Plane,
-    Planes,
-    channels_first,
-    numbers_of,
-    planes_of,
-)
-from pipeline.images.quantiles import weighted_quantile
+from pipeline.images.frames import Image, Planes, channels_first, planes_of
 from pipeline.lamps.lamps import Lamps
-from pipeline.light.shares import dot, doubles, shares_of_two
-from pipeline.pair.reduced import ReducedPair
-from pipeline.separation.proportions import colour_of, light_of, pixel, scaled, times
-
-_MODEL = 0.017  # relative: what matrices leave over of matt light
-_SHADING = 0.5  # relative: how far shares change about a place
-_LEAST_SHADING = 0.1  # of both lamps' shares, to which a shadow's are nothing
-_MOST_UNUSUAL = 3.0  # shares that are not like those around do not tell a highlight alone
-_BRIGHT = 0.85  # quantile of shares around: the brightest that matt light is likely to be
-_BRIGHTER = 0.2  # relative: how far matt light goes beyond that
-_MOST_BRIGHT = 12.0  # no shadow makes shares brighter, as it makes them unusual
-_NOTABLE = 1.2  # times the mean around: with less of either lamp, matt light is believed
-_WORTH, _MOST_WORTH = 6.0, 12.0  # of a highlight: the least, and the most of a block
-_WORTH_OF_RIM = 1.0
-_AGREEING = 5  # blocks across that are to agree
-_REACH = 0.047  # of the longer side: where the neighbours lie
-_STEPS = 4  # of neighbours on each side
-_ALIKE = 0.015  # chromaticity
-_UNLIKE = 4.0  # of that: beyond it nothing is alike
-_LEAST_ALIKE = 2.0  # blocks of like colour, a block itself among its neighbours
-_KINDS = 3  # what is mirrored: the first lamp, the second, the flash
-_TINY = np.float32(1e-12)
+from pipeline.separation.mirrored_light import (
+    KINDS,
+    TwoLamps,
+    explain,
+    light_of_two,
+    matt_light,
+    mirrored_light,
+)
+from pipeline.separation.proportions import pixel
 
 
 @dataclass(frozen=True)
@@ -77,261 +48,21 @@ class Highlights:
         proportions: of matt light alone; those that lie in memory by planes are changed in place.
         """
         near = self.blocks[max(rows.start // self.side - 1, 0) : rows.stop // self.side + 2]
-        if not near[..., :_KINDS].any():
+        if not near[..., :KINDS].any():
             return proportions
         planes = np.empty((self.blocks.shape[2], *no_flash.shape[:2]), np.float32)
         enlarge(self.blocks, self.side, rows, planes)
-        light, parts = _light_of_lamps(lamps, self.colours), channels_first(proportions)
+        light, parts = light_of_two(lamps, self.colours), channels_first(proportions)
         own, rest = ((one[0], one[1], one[2]) for one in parts)
         _deal_out(planes_of(no_flash), planes_of(flash), light, planes, own, rest)
         return np.moveaxis(parts, -3, -1)
-
-
-class _Light(NamedTuple):
-    """What two lamps give, as compiled loops take it: matt light as in Lamps, and mirrored light.
-
-    matrices: (3, 3) of each lamp, row by row. where, terms: Deviations.numbers. weights: (3,) of
-    the channels. colours: (3,) of each lamp, as a mirror shows it.
-    """
-
-    matrices: tuple[Numbers, ...]
-    where: Numbers
-    terms: tuple[Numbers, ...]
-    weights: Numbers
-    colours: tuple[Numbers, ...]
-
-
-def _light_of_lamps(lamps: Lamps, colours: Floats64) -> _Light:
-    where, terms = lamps.deviations.numbers()
-    return _Light(
-        tuple(numbers_of(matrix) for matrix in lamps.matrices),
-        where,
-        terms,
-        numbers_of(lamps.channel_weights),
-        tuple(numbers_of(one) for one in colours),
-    )
-
-
-def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Floats64) -> Highlights | None:
-    """Find the highlights of two lamps; None where there are none, or not two lamps.
-
-    flash_white: (3,) camera RGB of a white card under the flash. A block is a highlight where
-    light of like neighbours in much the same strength and that of one lamp, or without that of the
-    flash, explain it much better than matt light of both lamps does, and those around it agree; at
-    the rim of such blocks, a little better is enough.
-    """
-    if len(lamps) != 2:
-        return None
-    colours = lamps.matrices @ flash_white
-    light = _light_of_lamps(lamps, colours)
-    seen, flash = planes_of(reduced.no_flash), planes_of(reduced.flash)
-    variances = planes_of(reduced.no_flash_variance), planes_of(reduced.flash_variance)
-    height, width = reduced.usable.shape
-    matt = np.empty((3, height, width), np.float32)
-    _fit_matt(seen, flash, *variances, light, matt)
-    step = max(round(_REACH * max(height, width) / _STEPS), 1)
-    around = np.zeros((2, height, width), np.float32)
-    kind, worth = np.full((height, width), -1), np.full((height, width), -_MOST_WORTH, np.float32)
-    brighter = np.zeros((height, width), np.float32)
-    asked = _unlike_matt(matt, reduced.usable, 2 * _STEPS * step + 1)
-    _weigh(seen, flash, reduced.usable, asked, matt, light, step, around, kind, worth, brighter)
-    worth += _trust_in_brightness(worth, brighter) * brighter
-    np.clip(worth, -_MOST_WORTH, _MOST_WORTH, out=worth)
-    found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
-    if not found.any():
-        return None
-    # at the rim of a highlight half of those around cannot agree
-    beside = cv2.dilate(found.astype(np.uint8), np.ones((_AGREEING, _AGREEING), np.uint8)) > 0
-    found |= beside & (kind >= 0) & (worth > _WORTH_OF_RIM)
-    weights = [(found & (kind == one)).astype(np.float32) for one in range(_KINDS)]
-    # beside the last blocks of a highlight pixels lie between them and what has no shares
-    count = np.maximum(cv2.blur(found.astype(np.float32), (3, 3)), _TINY)
-    shares = [np.where(found, one, cv2.blur(one * found, (3, 3)) / count) for one in around]
-    return Highlights(np.stack([*weights, *shares], axis=2), reduced.block, colours)
-
-
-@compiled
-def _fit_matt(
-    no_flash: Planes,
-    flash: Planes,
-    no_flash_variance: Planes,
-    flash_variance: Planes,
-    lamps: _Light,
-    matt: Floats32,
-) -> None:
-    """Write shares of both lamps, and what they leave over of the light, relative, less noise."""
-    weights, one = lamps.weights, np.float32(1.0)
-    for y in range(matt.shape[1]):
-        for x in range(matt.shape[2]):
-            seen = times(pixel(no_flash, y, x), weights)
-            first, second = _matt_light(lamps, pixel(flash, y, x), one, one)
-            first, second = times(first, weights), times(second, weights)
-            z0, z1, scale = shares_of_two(seen, first, second)
-            z0, z1 = z0 / scale, z1 / scale
-            left = np.float32(0.0)
-            for k in range(3):
-                off = seen[k] - z0 * first[k] - z1 * second[k]
-                variance = no_flash_variance[k][y, x]
-                for c in range(3):
-                    i = 3 * k + c
-                    mixed = z0 * lamps.matrices[0][i] + z1 * lamps.matrices[1][i]
-                    variance += mixed * mixed * flash_variance[c][y, x]
-                left += off * off - weights[k] * weights[k] * variance
-            whole = max(_squared(seen), _TINY)
-            matt[0, y, x], matt[1, y, x] = z0, z1
-            matt[2, y, x] = np.sqrt(max(left, np.float32(0.0)) / whole)
-
-
-def _unlike_matt(matt: Floats32, usable: Mask, side: int) -> Mask:
-    """Blocks worth a look: matt light leaves something over, or is brighter than the mean around.
-
-    matt: as _fit_matt writes it. side: of what is around, in blocks.
-    """
-    count = np.maximum(cv2.blur(usable.astype(np.float32), (side, side)), _TINY)
-    unlike: Mask = matt[2] > _MODEL
-    for one in matt[:2]:
-        unlike |= one > _NOTABLE / count * cv2.blur(one * usable, (side, side))
-    return unlike & usable
-
-
-def _trust_in_brightness(worth: Floats32, brighter: Floats32) -> float:
-    """Share of what is brighter than all around that colour tells to be a highlight, 0…1.
-
-    The rest is matt by its colour: sunlight through leaves or blinds, or a lamp that throws a
-    pattern, and brightness tells nothing in such a picture. 1 where colour tells nothing.
-
-    worth, brighter: (h, w) of blocks, as _weigh writes them.
-    """
-    bright = brighter > _MOST_BRIGHT / 2
-    mirrored, matt = (bright & (one > _WORTH) for one in (worth, -worth))
-    told = np.count_nonzero(mirrored) + np.count_nonzero(matt)
-    return np.count_nonzero(mirrored) / told if told else 1.0
-
-
-@compiled
-def _weigh(
-    no_flash: Planes,
-    flash: Planes,
-    usable: Mask,
-    asked: Mask,
-    matt: Floats32,
-    lamps: _Light,
-    step: int,
-    around: Floats32,
-    kind: NDArray[np.int64],
-    worth: Plane,
-    brighter: Plane,
-) -> None:
-    """Write of the blocks asked for what neighbours have, which highlight it would be, its worth.
-
-    The worth is how much further from the light matt light is, squared, in units of _MODEL;
-    brighter is what it counts besides that matt light is brighter than around.
-    """
-    most = (2 * _STEPS + 1) ** 2
-    shares, like = np.empty((2, most), np.float32), np.empty(most, np.float32)
-    for y in range(usable.shape[0]):
-        for x in range(usable.shape[1]):
-            if not asked[y, x]:
-                continue
-            count = _neighbours(flash, usable, matt, y, x, step, shares, like)
-            if like[:count].sum() < _LEAST_ALIKE:
-                continue
-            s0, bright0 = _usual(shares[0, :count], like[:count])
-            s1, bright1 = _usual(shares[1, :count], like[:count])
-            around[0, y, x], around[1, y, x] = s0, s1
-            seen = pixel(no_flash, y, x)
-            first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
-            least = np.inf
-            for one in range(_KINDS):
-                cost = _cost_of_mirrored(
-                    lamps, one, seen, (first, second), (s0, s1), (bright0, bright1)
-                )
-                if cost < least:
-                    least, kind[y, x] = cost, one
-            z0, z1 = matt[0, y, x], matt[1, y, x]
-            brighter[y, x] = _cost_of_brightness(z0, z1, bright0, bright1)
-            if kind[y, x] >= 0:
-                cost = (matt[2, y, x] / _MODEL) ** 2 + _cost_of_shares(z0, z1, s0, s1)
-                worth[y, x] = max(cost - least, -2 * _MOST_WORTH)
-
-
-@inlined
-def _cost_of_shares(z0: Any, z1: Any, s0: Any, s1: Any) -> Any:
-    """What it counts that shares z are unlike those around, s: shadows and edges do that, too."""
-    shading = _LEAST_SHADING * (s0 + s1) + _TINY
-    off = ((z0 - s0) / (s0 + shading)) ** 2 + ((z1 - s1) / (s1 + shading)) ** 2
-    return _bounded(off / _SHADING**2, _MOST_UNUSUAL)
-
-
-@inlined
-def _cost_of_brightness(z0: Any, z1: Any, bright0: Any, bright1: Any) -> Any:
-    """What it counts that a lamp's share is beyond the brightest around."""
-    shading = _LEAST_SHADING * (bright0 + bright1) + _TINY
-    off = max((z0 - bright0) / (bright0 + shading), 0.0) ** 2
-    off += max((z1 - bright1) / (bright1 + shading), 0.0) ** 2
-    return _bounded(off / _BRIGHTER**2, _MOST_BRIGHT)
-
-
-@inlined
-def _cost_of_mirrored(
-    lamps: _Light,
-    kind: int,
-    seen: Colour,
-    around: tuple[Colour, Colour],
-    shares: tuple[Any, Any],
-    bright: tuple[Any, Any],
-) -> Any:
-    """How far light is from a highlight of that kind; infinite where nothing is mirrored.
-
-    around: matt light of the lamps with the shares around. bright: the brightest of these, beyond
-    which the matt light beneath a highlight is no likelier than matt light alone.
-    """
-    (first, second), (s0, s1) = around, shares
-    mirrored = _mirrored(lamps.colours, kind, s0, s1)
-    a, b = _explain(seen, first, second, mirrored, lamps.weights)
-    left = 0.0
-    for k in range(3):
-        off = seen[k] - a * (first[k] + second[k]) - b * mirrored[k]
-        left += (off * lamps.weights[k]) ** 2
-    whole = max(_squared(times(seen, lamps.weights)), _TINY)
-    cost = left / whole / _MODEL**2 + _bounded(((a - 1.0) / _SHADING) ** 2, _MOST_UNUSUAL)
-    cost += _cost_of_brightness(a * s0, a * s1, bright[0], bright[1])
-    return cost if b > 0 else np.inf
-
-
-@compiled
-def _neighbours(
-    flash: Planes,
-    usable: Mask,
-    matt: Floats32,
-    y: int,
-    x: int,
-    step: int,
-    shares: Floats32,
-    like: Floats32,
-) -> int:
-    """Write shares of usable blocks of like colour around one, itself among them, and how like.
-
-    Returns how many they are.
-    """
-    own, count, reach = _chromaticity(pixel(flash, y, x)), 0, _STEPS * step
-    for i in range(max(y - reach, y % step), min(y + reach + 1, usable.shape[0]), step):
-        for j in range(max(x - reach, x % step), min(x + reach + 1, usable.shape[1]), step):
-            if usable[i, j]:
-                other = _chromaticity(pixel(flash, i, j))
-                off = ((other[0] - own[0]) ** 2 + (other[1] - own[1]) ** 2) / _ALIKE**2
-                if off < _UNLIKE**2:
-                    like[count] = np.exp(-0.5 * off)
-                    shares[0, count], shares[1, count] = matt[0, i, j], matt[1, i, j]
-                    count += 1
-    return count
 
 
 @compiled
 def _deal_out(
     no_flash: Planes,
     flash: Planes,
-    lamps: _Light,
+    lamps: TwoLamps,
     highlights: Floats32,
     own: Planes,
     rest: Planes,
@@ -340,15 +71,15 @@ def _deal_out(
     one, zero = np.float32(1.0), np.float32(0.0)
     for y in range(highlights.shape[1]):
         for x in range(highlights.shape[2]):
-            s0, s1 = highlights[_KINDS, y, x], highlights[_KINDS + 1, y, x]
+            s0, s1 = highlights[KINDS, y, x], highlights[KINDS + 1, y, x]
             matt = pixel(own, y, x)
-            for kind in range(_KINDS):
+            for kind in range(KINDS):
                 weight = highlights[kind, y, x]
                 if not weight > 0:
                     continue
-                first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
-                mirrored = _mirrored(lamps.colours, kind, s0, s1)
-                a, b = _explain(pixel(no_flash, y, x), first, second, mirrored, lamps.weights)
+                first, second = matt_light(lamps, pixel(flash, y, x), s0, s1)
+                mirrored = mirrored_light(lamps.colours, kind, s0, s1)
+                a, b = explain(pixel(no_flash, y, x), first, second, mirrored, lamps.weights)
                 for k in range(3):
                     light, other = a * first[k], a * second[k]
                     if kind == 0:
@@ -364,75 +95,3 @@ def _deal_out(
                     change = light / total - matt[k] if total > 0 else zero
                     own[k][y, x] += weight * change
                     rest[k][y, x] = one - own[k][y, x]
-
-
-@inlined
-def _matt_light(lamps: _Light, f: Colour, s0: Any, s1: Any) -> tuple[Colour, Colour]:
-    """What each lamp gives of its share matt where the flash gives f."""
-    q = colour_of(lamps.where, f)
-    first = light_of(lamps.matrices[0], lamps.terms[0], f, q)
-    second = light_of(lamps.matrices[1], lamps.terms[1], f, q)
-    return scaled(first, s0), scaled(second, s1)
-
-
-@inlined
-def _explain(
-    seen: Colour, first: Colour, second: Colour, mirrored: Colour, weights: Numbers
-) -> tuple[Any, Any]:
-    """Factors a, b ≥ 0 with which a · (first + second) + b · mirrored is nearest to what is seen.
-
-    Least squares, each channel weighed. a is held near 1, the more firmly the less matt light there
-    is beside a strong highlight, which then tells little of it.
-    """
-    matt = first[0] + second[0], first[1] + second[1], first[2] + second[2]
-    seen, matt = doubles(times(seen, weights)), doubles(times(matt, weights))
-    mirrored = doubles(times(mirrored, weights))
-    once = (_MODEL / _SHADING) ** 2 * max(_squared(seen), _TINY)
-    s0, s1 = dot(matt, seen) + once, dot(mirrored, seen)
-    g00, g01, g11 = _squared(matt) + once, dot(matt, mirrored), _squared(mirrored)
-    a, b = g11 * s0 - g01 * s1, g00 * s1 - g01 * s0
-    if not b > 0:
-        return s0 / g00, 0.0
-    if a < 0:
-        return 0.0, s1 / g11
-    scale = g00 * g11 - g01 * g01
-    return a / scale, b / scale
-
-
-@inlined
-def _mirrored(colours: tuple[Numbers, ...], kind: int, s0: Any, s1: Any) -> Colour:
-    """Light of a lamp as it is mirrored; of the flash, what its part pretends that lamps give."""
-    p, q = _single(colours[0]), _single(colours[1])
-    if kind == 0:
-        return p
-    if kind == 1:
-        return q
-    return -(s0 * p[0] + s1 * q[0]), -(s0 * p[1] + s1 * q[1]), -(s0 * p[2] + s1 * q[2])
-
-
-@inlined
-def _single(a: Numbers) -> Colour:
-    return np.float32(a[0]), np.float32(a[1]), np.float32(a[2])
-
-
-@inlined
-def _bounded(squared: Any, most: float) -> Any:
-    """The square where it is small, at most so much where it is large (Geman and McClure 1985)."""
-    return most * squared / (most + squared)
-
-
-@inlined
-def _usual(values: Floats32, weights: Floats32) -> tuple[float, float]:
-    """Weighted median, and the quantile that _BRIGHT is."""
-    return weighted_quantile(values, weights, 0.5), weighted_quantile(values, weights, _BRIGHT)
-
-
-@inlined
-def _chromaticity(f: Colour) -> tuple[Any, Any]:
-    total = max(f[0] + f[1] + f[2], _TINY)
-    return f[0] / total, f[1] / total
-
-
-@inlined
-def _squared(a: Colour) -> Any:
-    return dot(a, a)

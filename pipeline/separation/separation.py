@@ -35,7 +35,7 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.progress import Progress
 from pipeline.separation import smoothing
 from pipeline.separation.fill import Surroundings
-from pipeline.separation.highlights import find_highlights
+from pipeline.separation.find_highlights import find_highlights
 from pipeline.separation.proportions import model_proportions
 from pipeline.threads import ahead
 

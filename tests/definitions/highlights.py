@@ -1,4 +1,4 @@
-"""What is compiled in pipeline.separation.highlights, block by block in NumPy and float64."""
+"""What is compiled for highlights in pipeline.separation, block by block in NumPy and float64."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ALIKE, _UNLIKE, _LEAST_ALIKE = 0.015, 4.0, 2.0
 
 
 def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Floats64) -> Highlights | None:
-    """pipeline.separation.highlights.find_highlights."""
+    """pipeline.separation.find_highlights.find_highlights."""
     if len(lamps) != 2:
         return None
     colours = lamps.matrices @ flash_white

@@ -42,7 +42,9 @@ _ESTIMATOR = (
     "pictures/white_balance.py",
     "process.py",
     "results",
+    "separation/find_highlights.py",
     "separation/highlights.py",
+    "separation/mirrored_light.py",
     "separation/separation.py",
     "separation/smoothing.py",
 )

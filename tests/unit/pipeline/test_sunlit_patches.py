@@ -10,7 +10,7 @@ import pytest
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import reduce_pair
-from pipeline.separation.highlights import find_highlights
+from pipeline.separation.find_highlights import find_highlights
 
 SIZE = (120, 160)
 WHITE = np.array([0.37, 1.0, 0.83])

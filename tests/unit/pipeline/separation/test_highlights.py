@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
@@ -14,161 +13,25 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.pair.pair import Pair
-from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.progress import Progress
 from pipeline.separation import separation
-from pipeline.separation.highlights import find_highlights
+from pipeline.separation.find_highlights import find_highlights
 from pipeline.separation.separation import separate
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from tests.definitions.highlights import deal_out
 from tests.definitions.separation import separate as defined_separate
-
-Mask = NDArray[np.bool_]
-SIZE = (120, 160)
-PLACES = ((0.25, 0.25), (0.25, 0.7), (0.72, 0.5))
-"""Where the first lamp is mirrored, the second, the flash: of the height and of the width."""
-RADIUS = 0.055  # of the height
-LOUD = Noise(np.full(3, 1e-5), np.full(3, 1e-9))
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A pair under two lamps, its true layers (2, H, W, 3), and masks (3, H, W) of what mirrors."""
-
-    pair: Pair
-    lamps: Lamps
-    layers: Floats64
-    mirrors: Mask
-
-    @property
-    def reduced(self) -> ReducedPair:
-        """As separate takes it."""
-        return reduce_pair(self.pair)
-
-
-def discs(size: tuple[int, int], radius: float = RADIUS) -> Mask:
-    """Round patches (3, H, W)."""
-    v, u = np.mgrid[: size[0], : size[1]]
-    return np.array(
-        [np.hypot(v - size[0] * y, u - size[1] * x) < radius * size[0] for y, x in PLACES]
-    )
-
-
-def balanced(light: Floats64) -> dict[str, Floats64]:
-    """Weights of the channels, as lamps that were found have them."""
-    return {"channel_weights": 1 / light.mean(axis=(0, 1))}
-
-
-def noisy(
-    light: Floats64, flash: Floats64, noise: Noise | None, pair_of: Callable[..., Pair], **more: Any
-) -> Pair:
-    """A pair with the noise of a sensor, which it says that it has."""
-    if not noise:
-        return pair_of(light, flash, **more)
-    grain = np.random.default_rng(8).normal(size=(2, *light.shape))
-    before = light + grain[0] * np.sqrt(noise.variance(light))
-    after = light + flash + grain[1] * np.sqrt(noise.variance(light + flash))
-    return pair_of(before, after - before, no_flash_noise=noise, flash_noise=noise, **more)
-
-
-@pytest.fixture
-def paints(surfaces: Floats64, model: Model) -> Floats64:
-    """Measured surfaces (m, 3) under the flash, those of the most saturated colours first."""
-    white = model.flash_white / model.flash_white.sum()
-    off = surfaces / surfaces.sum(axis=1, keepdims=True) - white
-    return surfaces[np.argsort(-np.linalg.norm(off, axis=1))]
-
-
-@pytest.fixture
-def scene(
-    model: Model,
-    paints: Floats64,
-    pair_of: Callable[..., Pair],
-    lamps_of: Callable[..., Lamps],
-    warm_to_cool: Floats64,
-) -> Callable[..., Scene]:
-    """Make red paint in even light, with patches that mirror one lamp, the other, and the flash.
-
-    Below the middle the paint is paler, but for the last patch, which looks as pale under the flash
-    since it mirrors that. gloss, of_flash: how much is mirrored of lamps, and of the flash. radius:
-    of the patches.
-    """
-
-    def build(
-        gloss: float = 0.1,
-        of_flash: float = 0.03,
-        size: tuple[int, int] = SIZE,
-        noise: Noise | None = None,
-        paint: Floats64 = paints[0],
-        radius: float = RADIUS,
-        **more: Any,
-    ) -> Scene:
-        chosen, mirrors = warm_to_cool[[0, 2]], discs(size, radius)
-        matrices, white = model.lamp_matrix(chosen), model.flash_white
-        v, u = np.mgrid[: size[0], : size[1]] / np.array(size)[:, None, None]
-        shading = (0.8 - 0.6 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))[..., None]
-        pale = paint + of_flash * white * (v > 0.5)[..., None]
-        flash = shading * pale
-        matt = shading * np.where(mirrors[2][..., None], paint, pale)
-        z = np.stack([0.6 - 0.4 * u, 0.2 + 0.4 * u])
-        layers = np.einsum("nhw,nkl,hwl->nhwk", z, matrices, matt)
-        layers += gloss * mirrors[:2, ..., None] * (matrices @ white)[:, None, None]
-        light = layers.sum(axis=0)
-        pair = noisy(light, flash, noise, pair_of, **more)
-        return Scene(pair, lamps_of(chosen, **balanced(light)), layers, mirrors)
-
-    return build
-
-
-@pytest.fixture
-def layers_by(model: Model, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Floats32]:
-    """Layers that separate gives of a scene, in strips; without highlights by matt light alone."""
-
-    def run(scene: Scene, rows: int = 1000, highlights: bool = True) -> Floats32:
-        with monkeypatch.context() as patch:
-            if not highlights:
-                patch.setattr(separation, "find_highlights", lambda *_: None)
-            strips = separate(
-                scene.pair, scene.reduced, scene.lamps, model, Options(), Progress(), rows
-            )
-            return np.concatenate([strip.layers for strip in strips], axis=1)
-
-    return run
-
-
-def off(found: NDArray[Any], scene: Scene, where: Mask) -> float:
-    """Relative error of the layers in some places."""
-    error = np.linalg.norm((found - scene.layers)[:, where])
-    return float(error / np.linalg.norm(scene.layers[:, where]))
-
-
-@pytest.mark.parametrize(("noise", "near"), [(None, 0.05), (LOUD, 0.15)], ids=["exact", "noisy"])
-@pytest.mark.parametrize(("gloss", "of_flash"), [(0.1, 0.03), (0.3, 0.05)])
-def test_each_highlight_is_found_and_nothing_else(
-    scene: Callable[..., Scene],
-    model: Model,
-    noise: Noise | None,
-    near: float,
-    gloss: float,
-    of_flash: float,
-) -> None:
-    glossy = scene(gloss, of_flash, noise=noise)
-
-    found = find_highlights(glossy.reduced, glossy.lamps, model.flash_white)
-
-    assert found is not None
-    assert found.side == 1
-    np.testing.assert_allclose(found.colours, glossy.lamps.matrices @ model.flash_white)
-    marked = np.moveaxis(found.blocks[..., :3], 2, 0)
-    assert set(np.unique(marked)) == {0.0, 1.0}
-    assert not marked[~glossy.mirrors].any()
-    for mirror, mark in zip(glossy.mirrors, marked, strict=True):
-        assert mark.sum() > 0.6 * mirror.sum()
-    down, across = np.nonzero(marked.any(axis=0))
-    true = [0.6 - 0.4 * across / SIZE[1], 0.2 + 0.4 * across / SIZE[1]]
-    np.testing.assert_allclose(found.blocks[down, across, 3:].T, true, atol=near)
+from tests.unit.pipeline.separation.glossy import (
+    LOUD,
+    RADIUS,
+    SIZE,
+    Scene,
+    balanced,
+    discs,
+    noisy,
+    off,
+)
 
 
 @pytest.mark.parametrize(
@@ -288,28 +151,6 @@ def test_pixels_that_are_clipped_within_a_highlight_are_filled_in(
 
 
 @pytest.mark.parametrize("noise", [None, LOUD], ids=["exact", "noisy"])
-@pytest.mark.parametrize("kind", ["exact", "shadowed"])
-def test_matt_surfaces_have_no_highlights(
-    exact: Callable[..., tuple[Pair, Floats64]],
-    shadowed: Callable[[Floats64], Pair],
-    pair_of: Callable[..., Pair],
-    lamps_of: Callable[..., Lamps],
-    model: Model,
-    warm_to_cool: Floats64,
-    kind: str,
-    noise: Noise | None,
-) -> None:
-    """Patches of many colours, in soft light or with hard edges of shadows."""
-    chosen = warm_to_cool[[0, 2]]
-    clean = exact(chosen)[0] if kind == "exact" else shadowed(chosen)
-    light = np.asarray(clean.no_flash, np.float64)
-    pair = noisy(light, clean.flash - light, noise, pair_of)
-    lamps = lamps_of(chosen, **balanced(light))
-
-    assert find_highlights(reduce_pair(pair), lamps, model.flash_white) is None
-
-
-@pytest.mark.parametrize("noise", [None, LOUD], ids=["exact", "noisy"])
 @pytest.mark.parametrize("first", [0, 100, 200])
 def test_measured_paints_that_matrices_describe_nearly_are_hardly_changed(
     camera: Camera,
@@ -382,43 +223,6 @@ def test_a_highlight_that_paint_could_have_the_colour_of_is_told_by_its_brightne
     assert (found.blocks[..., 0] > 0)[first].mean() == told
     assert off(layers_by(glossy, highlights=False), glossy, first) > 0.5
     assert (off(layers_by(glossy), glossy, first) < 0.02) == told
-
-
-@pytest.mark.parametrize(("across", "told"), [(6, False), (16, True)])
-def test_a_colour_that_nothing_around_has_tells_no_highlight(
-    model: Model,
-    paints: Floats64,
-    pair_of: Callable[..., Pair],
-    lamps_of: Callable[..., Lamps],
-    warm_to_cool: Floats64,
-    across: int,
-    told: bool,
-) -> None:
-    """A square of another paint, all of it mirroring a lamp: blocks six apart are compared."""
-    matrices = model.lamp_matrix(warm_to_cool[[0, 2]])
-    square = slice(100, 100 + across), slice(200, 200 + across)
-    flash = np.tile(0.7 * paints[0], (320, 480, 1))
-    flash[square] = 0.7 * paints[5]
-    light = np.einsum("kl,hwl->hwk", 0.4 * matrices[0] + 0.3 * matrices[1], flash)
-    light[square] += 0.1 * matrices[0] @ model.flash_white
-    lamps = lamps_of(warm_to_cool[[0, 2]], **balanced(light))
-
-    found = find_highlights(reduce_pair(pair_of(light, flash)), lamps, model.flash_white)
-
-    assert (found is not None) == told
-
-
-@pytest.mark.parametrize("chosen", [[0], [0, 1, 2]], ids=["one lamp", "three lamps"])
-def test_of_another_number_of_lamps_no_highlights_are_found(
-    scene: Callable[..., Scene],
-    model: Model,
-    lamps_of: Callable[..., Lamps],
-    warm_to_cool: Floats64,
-    chosen: list[int],
-) -> None:
-    lamps = lamps_of(warm_to_cool[chosen])
-
-    assert find_highlights(scene().reduced, lamps, model.flash_white) is None
 
 
 def test_where_nothing_can_be_used_there_are_no_highlights(

@@ -14,7 +14,8 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
 from pipeline.matrixfit.deviations import TERMS, Deviations
 from pipeline.pair.reduced import ReducedPair
-from pipeline.separation.highlights import Highlights, find_highlights
+from pipeline.separation.find_highlights import find_highlights
+from pipeline.separation.highlights import Highlights
 from tests.definitions import highlights as definition
 from tests.reduced_pairs import reduced_pair
 
