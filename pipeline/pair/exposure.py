@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import PairOptions
-from pipeline.pair.steadiness import Ratios, brightening, darker_share, ratio_without_flash
+from pipeline.pair.ratios import Ratios, brightening, darker_share, ratio_without_flash
 from pipeline.run_warnings import Code, RunWarning
 
 _MAX_PLAUSIBLE = 1000.0

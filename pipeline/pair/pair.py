@@ -28,7 +28,7 @@ from pipeline.pair.pair_warnings import (
     rendering_warnings,
     unsteady_warnings,
 )
-from pipeline.pair.steadiness import block_ratios, brightening, darker_share
+from pipeline.pair.ratios import block_ratios, brightening, darker_share
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning

@@ -12,8 +12,9 @@ from pipeline.images.area_means import area_means
 from pipeline.images.frames import Frame, Photograph
 from pipeline.pair.align import Alignment
 from pipeline.pair.exposure import ExposureRatio, darkening
+from pipeline.pair.flicker import bands
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
-from pipeline.pair.steadiness import Ratios, bands
+from pipeline.pair.ratios import Ratios
 from pipeline.run_warnings import Code, RunWarning
 
 NOTABLE_MOTION = 0.002

@@ -10,7 +10,7 @@ from pipeline.errors import OptionError
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
-from pipeline.pair.steadiness import Ratios
+from pipeline.pair.ratios import Ratios
 
 RNG = np.random.default_rng(3)
 

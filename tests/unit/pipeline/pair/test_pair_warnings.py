@@ -17,7 +17,7 @@ from pipeline.pair.pair_warnings import (
     rendering_warnings,
     unsteady_warnings,
 )
-from pipeline.pair.steadiness import Ratios
+from pipeline.pair.ratios import Ratios
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
 
