@@ -44,16 +44,22 @@ log = logging.getLogger("service.serve")
 def serve(settings: Settings, worker: bool) -> None:
     """Serve until a signal says stop; a worker that was started does not outlive this process.
 
-    worker: false for a service whose workers run elsewhere. SIGTERM ends the process from here.
-    Raises StartError.
+    worker: false for a service whose workers run elsewhere. SIGTERM and SIGINT end the process from
+    here, with 0 and 130. Raises StartError.
     """
     try:
         _serve(settings, worker)
     except SystemExit as stop:
-        tracing.flush()
-        logging.shutdown()
-        # Threads that a store holds up would keep the process for minutes.
-        os._exit(stop.code if isinstance(stop.code, int) else 0)
+        _end(stop.code if isinstance(stop.code, int) else 0)
+    except KeyboardInterrupt:
+        _end(128 + signal.SIGINT)
+
+
+def _end(code: int) -> None:
+    """End the process at once: threads that a store holds up would keep it for minutes."""
+    tracing.flush()
+    logging.shutdown()
+    os._exit(code)
 
 
 def _serve(settings: Settings, worker: bool) -> None:

@@ -76,17 +76,18 @@ def test_a_revoked_key_is_none_to_start_with(tmp_path: Path) -> None:
         serve(settings, worker=False)
 
 
+@pytest.mark.parametrize(("stop", "code"), [(SystemExit(0), 0), (KeyboardInterrupt(), 130)])
 def test_a_stop_waits_for_no_thread_that_a_store_holds_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stop: BaseException, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     codes: list[int] = []
-    monkeypatch.setattr(_Server, "run", raising(SystemExit(0)))
+    monkeypatch.setattr(_Server, "run", raising(stop))
     monkeypatch.setattr("service.serve.os._exit", codes.append)
     monkeypatch.setattr("service.serve.logging.shutdown", lambda: None)
     monkeypatch.setattr("service.serve.signal.signal", lambda *_: None)
     monkeypatch.setattr("service.serve.logs.configure", lambda: None)
     serve(Settings(data_dir=tmp_path, port=0), worker=False)
-    assert codes == [0]
+    assert codes == [code]
 
 
 @pytest.mark.parametrize("hindered", ["the database's disk is full", "the store is away"])
