@@ -88,6 +88,17 @@ def test_every_option_that_the_pages_speak_of_is_one() -> None:
             assert set(re.findall(r"--[a-z][a-z-]+", command)) <= known, command
 
 
+def test_every_test_that_the_pages_speak_of_is_one() -> None:
+    texts = {path.with_suffix(""): path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
+    everything = "\n".join(texts.values())
+    for page in PAGES:
+        named = re.findall(r"`((?:\w+/)*test_\w+)(?:\.(Test\w+)|\.py)?`", page.read_text())
+        for place, group in named:
+            of_file = [text for path, text in texts.items() if f"{path}".endswith(f"/{place}")]
+            assert of_file or f"def {place}(" in everything, f"{place} of {page}"
+            assert not group or f"class {group}:" in "\n".join(of_file), f"{group} of {page}"
+
+
 def test_the_reference_is_that_of_the_code(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "service.reference", tmp_path], cwd=ROOT, check=True)
     stored = {path.name: path.read_text() for path in (ROOT / "docs/reference").iterdir()}
