@@ -115,7 +115,6 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         try:
             sandbox.run(
                 task,
-                _CHECK_SECONDS,
                 lambda _stage, _fraction: None,
                 lambda: False,
                 context.fork_server,

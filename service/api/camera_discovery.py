@@ -150,7 +150,6 @@ class CameraDiscovery:
             try:
                 return sandbox.run(
                     task,
-                    _LOOK_SECONDS,
                     lambda _stage, _fraction: None,
                     lambda: self._closed,
                     self._server,

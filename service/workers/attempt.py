@@ -220,8 +220,8 @@ class Attempt:
 
         def run() -> Any:
             shutil.rmtree(directory / RESULTS, ignore_errors=True)
-            seconds, server = self._settings.job_seconds, self._fork_server
-            return sandbox.run(task, seconds, self._report, self._stopping.is_due, server, ask)
+            stop, server = self._stopping.is_due, self._fork_server
+            return sandbox.run(task, self._report, stop, server, ask)
 
         # A pair that was kept already must not be taken again over it.
         return self._means.patiently(run, _has_not_begun if takes else passes)

@@ -68,20 +68,19 @@ def fork_server(at_once: int, pairs: bool) -> ForkServer:
 
 def run(
     task: Task,
-    seconds: float,
     report: Callable[[str, float], None],
     must_stop: Callable[[], bool],
     server: ForkServer,
     ask: Ask | None = None,
 ) -> Any:
-    """Run a task to its end, for at most `seconds`; must_stop is asked several times a second.
+    """Run a task to its end, or to its limits; must_stop is asked several times a second.
 
     Gives what it answers with. ask: called with its questions; the time it takes does not count,
     and it may raise StoppedError. Raises TaskError, StoppedError, CrashError, MemoryLimitError,
     KilledError, TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the
     disk is full, StorageFullError; NoProcessError where the task has not begun.
     """
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + task.limits.seconds
     captures = task.kind == "capture"
     too_long = _CAPTURE_TOO_LONG if captures else _TOO_LONG
 

@@ -29,8 +29,13 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class Limits:
-    """What a process may use; cpu_seconds of all processors, output_bytes in its whole folder."""
+    """What a process may use.
 
+    seconds: from its beginning on, but for the time that its questions take. cpu_seconds: of all
+    processors. output_bytes: in its whole folder.
+    """
+
+    seconds: float
     memory_bytes: int
     cpu_seconds: int
     open_files: int
@@ -40,6 +45,7 @@ class Limits:
     def of(cls, settings: Settings, seconds: float) -> Limits:
         """Those of the settings, for a task that may run for so many seconds on all processors."""
         return cls(
+            seconds=seconds,
             memory_bytes=settings.job_memory_bytes,
             cpu_seconds=int(seconds * (os.cpu_count() or 1)) + 1,
             open_files=settings.job_open_files,

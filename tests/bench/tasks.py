@@ -68,7 +68,7 @@ def two_at_once(files: Sequence[Path], options: dict[str, Any]) -> dict[str, flo
 
 def _separate(server: ForkServer, files: Sequence[Path], options: dict[str, Any]) -> None:
     with _inputs(files) as folder:
-        sandbox.run(_task("separate", folder, options), 900, _ignore, lambda: False, server)
+        sandbox.run(_task("separate", folder, options), _ignore, lambda: False, server)
 
 
 def _first_byte(server: ForkServer, folder: Path) -> float:
@@ -77,7 +77,6 @@ def _first_byte(server: ForkServer, folder: Path) -> float:
     with contextlib.suppress(sandbox.StoppedError):
         sandbox.run(
             _task("separate", folder),
-            900,
             lambda _stage, _fraction: arrived.append(time.monotonic()),
             lambda: bool(arrived),
             server,
@@ -100,7 +99,7 @@ def _cpu_of_ended() -> float:
 
 
 def _check(server: ForkServer, folder: Path) -> None:
-    sandbox.run(_task("check", folder), 900, _ignore, lambda: False, server)
+    sandbox.run(_task("check", folder), _ignore, lambda: False, server)
 
 
 def _task(

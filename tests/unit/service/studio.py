@@ -41,7 +41,7 @@ def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(_looking: CameraDiscovery, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         told: list[dict[str, Any]] = []
         try:
-            task = Task(kind, "", trace_id, "", Limits(0, 0, 0, 0), {}, order)
+            task = Task(kind, "", trace_id, "", Limits(0, 0, 0, 0, 0), {}, order)
             work[kind](Task.from_json(task.to_json()), told.append)
         except drivers.DriverError as error:
             raise sandbox.TaskError(problem_of(error, trace_id).model_dump()) from error

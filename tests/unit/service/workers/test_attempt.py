@@ -141,7 +141,7 @@ def test_results_of_lost_attempts_go_however_the_job_ends(
 def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[tuple[str, float]] = []
 
-    def separate(task: Task, _seconds: float, report: Any, *_rest: object) -> None:
+    def separate(task: Task, report: Any, *_rest: object) -> None:
         for stage in ("layers", "encode"):
             for step in range(1000):
                 report(stage, step / 1000)
@@ -207,9 +207,7 @@ def test_calibrations_for_a_setup_alone_are_kept_for_ever(
 def test_an_attempt_that_was_canceled_leaves_no_results(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def separate(
-        _task: Task, _seconds: float, _report: object, must_stop: Any, *_rest: object
-    ) -> None:
+    def separate(_task: Task, _report: object, must_stop: Any, *_rest: object) -> None:
         context.storage.put(results_key("a", 1, "a.png"), b"half")
         with context.engine.begin() as connection:
             jobs.request_cancel(connection, "a")
@@ -477,7 +475,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
     context: Context,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def separate(task: Task, _seconds: float, report: Any, must_stop: Any, *_rest: object) -> None:
+    def separate(task: Task, report: Any, must_stop: Any, *_rest: object) -> None:
         with monkeypatch.context() as patch:
             patch.setattr(attempts, "must_stop", raising(error))
             patch.setattr(attempts, "report", raising(error))

@@ -33,7 +33,7 @@ Answer = Callable[[dict[str, Any]], bool]
 
 
 def _task(kind: Kind, order: CameraOrder, directory: Path = Path()) -> Task:
-    return Task(kind, "a", "", str(directory), Limits(0, 0, 0, 0), {}, order)
+    return Task(kind, "a", "", str(directory), Limits(0, 0, 0, 0, 0), {}, order)
 
 
 @pytest.fixture

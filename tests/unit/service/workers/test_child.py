@@ -47,11 +47,11 @@ def _run(
     output_bytes: int = 4 * GIB,
     camera: str | None = None,
 ) -> list[Report]:
-    limits = Limits(memory, cpu_seconds, open_files, output_bytes)
+    limits = Limits(100, memory, cpu_seconds, open_files, output_bytes)
     order = TakePair(camera) if camera else None
     task = Task(kind, "7", "f" * 32, str(directory), limits, {}, order)
     reports: list[Report] = []
-    sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
+    sandbox.run(task, lambda *report: reports.append(report), lambda: False, server)
     return reports
 
 
@@ -150,7 +150,7 @@ def test_what_a_child_logs_is_json_with_its_job(
 ) -> None:
     camera = drivers.serve_simulated("sim://studio?width=64&height=64&noise=off", "127.0.0.1", 0)
     order = TakePair(f"ptp+ip://{camera.address}", keep=False)
-    limits = Limits(8 * GIB, 60, 256, 4 * GIB)
+    limits = Limits(100, 8 * GIB, 60, 256, 4 * GIB)
     task = Task("capture", "7", "f" * 32, str(tmp_path), limits, {}, order)
 
     def unplug(_question: dict[str, Any], _has_ended: Callable[[], bool]) -> bool:
@@ -161,7 +161,7 @@ def test_what_a_child_logs_is_json_with_its_job(
         contextlib.closing(camera),
         contextlib.closing(sandbox.fork_server(1, pairs=True)) as own,  # its stderr is read here
     ):
-        sandbox.run(task, 100, lambda *_report: None, lambda: False, own, unplug)
+        sandbox.run(task, lambda *_report: None, lambda: False, own, unplug)
     lines = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
     told = {(line["level"], line["logger"], line["job"]) for line in lines}
     assert told == {("warning", "service.workers.camera_tasks", "7")}
@@ -177,7 +177,7 @@ def work(task, tell):
 child._QUICK["check"] = work
 sys.exit(child.main())
 """
-    limits = Limits(GIB, 60, open_files, GIB)
+    limits = Limits(100, GIB, 60, open_files, GIB)
     task = Task("check", "7", "f" * 32, "", limits, {})
     return subprocess.run(
         [sys.executable, "-c", code],

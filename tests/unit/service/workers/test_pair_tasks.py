@@ -35,7 +35,7 @@ def test_options_of_a_newer_service_are_told(
 ) -> None:
     """An API that was upgraded before its workers takes what they do not know yet."""
     _photographs(tmp_path, b"", b"")
-    task = Task(kind, "7", "f" * 32, str(tmp_path), Limits(GIB, 60, 256, GIB), options)
+    task = Task(kind, "7", "f" * 32, str(tmp_path), Limits(100, GIB, 60, 256, GIB), options)
     with pytest.raises(OlderWorkerError) as caught:
         pair_tasks.WORK[kind](task, lambda _message: None)
     assert str(caught.value) == (
@@ -57,7 +57,7 @@ def test_a_calibration_reads_its_photographs_and_writes_where_results_are_looked
     given: list[Any] = []
     monkeypatch.setattr(pair_tasks, "calibrate_files", lambda *arguments: given.extend(arguments))
     _photographs(tmp_path, b"dark", b"lit")
-    limits = Limits(8 * GIB, 60, 256, 4 * GIB)
+    limits = Limits(100, 8 * GIB, 60, 256, 4 * GIB)
     told: list[dict[str, Any]] = []
     task = Task("calibrate", "7", "f" * 32, str(tmp_path), limits, {"kind": "flash"})
     pair_tasks.WORK["calibrate"](task, told.append)

@@ -26,7 +26,9 @@ from service.workers.forkserver import ForkServer
 from service.workers.tasks import Kind, Limits, Task
 from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
-LIMITS = Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
+LIMITS = Limits(
+    seconds=60, memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000
+)
 
 
 def _run(
@@ -40,9 +42,9 @@ def _run(
 def _reports(
     server: ForkServer, seconds: float = 60, stop: Callable[[], bool] = lambda: False
 ) -> list[tuple[str, float]]:
-    task = Task("separate", "7", "trace", "folder", LIMITS, {})
+    task = Task("separate", "7", "trace", "folder", replace(LIMITS, seconds=seconds), {})
     found: list[tuple[str, float]] = []
-    sandbox.run(task, seconds, lambda *report: found.append(report), stop, server)
+    sandbox.run(task, lambda *report: found.append(report), stop, server)
     return found
 
 
@@ -111,12 +113,12 @@ def test_what_takes_too_long_is_named(
     kind: Kind, sentence: str, code: str, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sandbox, "_END_SECONDS", 0.1)
-    task = Task(kind, "7", "trace", "folder", LIMITS, {})
+    task = Task(kind, "7", "trace", "folder", replace(LIMITS, seconds=seconds), {})
     with (
         contextlib.closing(fork_server(code)) as server,
         pytest.raises(TimeLimitError, match=sentence),
     ):
-        sandbox.run(task, seconds, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +136,7 @@ def test_what_breaks_a_capture_is_not_put_down_to_photographs(
         contextlib.closing(fork_server(f"os.kill(os.getpid(), signal.{name})")) as server,
         pytest.raises(error, match=sentence),
     ):
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
 
 
 def test_a_process_that_does_not_end_is_ended() -> None:
@@ -176,7 +178,7 @@ def test_a_process_that_reads_nothing_is_no_trouble() -> None:
         contextlib.closing(fork_server("os._exit(8)")) as server,
         pytest.raises(CrashError, match="exit code 8"),
     ):
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
 
 
 @pytest.mark.parametrize(
@@ -255,28 +257,28 @@ def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then:
         contextlib.closing(fork_server(_FILES.format(count=3, then=then))) as server,
         pytest.raises(OutputLimitError, match="larger than a job's may be"),
     ):
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
 
 
 def test_files_count_that_a_process_writes_once_its_output_is_closed(tmp_path: Path) -> None:
     task = Task("separate", "7", "trace", str(tmp_path), LIMITS, {})
     code = "import time; os.close(1); time.sleep(0.5)" + _FILES.format(count=3, then="")
     with contextlib.closing(fork_server(code)) as server, pytest.raises(OutputLimitError):
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
 
 
 def test_files_may_take_up_all_of_the_limit_and_folders_none(tmp_path: Path) -> None:
     task = Task("separate", "7", "trace", str(tmp_path), replace(LIMITS, output_bytes=400_000), {})
     then = 'os.mkdir(os.path.join(task["directory"], "results"))'
     with contextlib.closing(fork_server(_FILES.format(count=1, then=then))) as server:
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "results"]
 
 
 def test_files_within_the_limit_are_let_be(tmp_path: Path) -> None:
     task = Task("separate", "7", "trace", str(tmp_path), LIMITS, {})
     with contextlib.closing(fork_server(_FILES.format(count=2, then=""))) as server:
-        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+        sandbox.run(task, lambda _stage, _fraction: None, lambda: False, server)
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -290,10 +292,10 @@ print(json.dumps({"answer": answers}), flush=True)
 """
 
 
-def _ask(code: str, seconds: float, ask: sandbox.Ask) -> Any:
+def _ask(code: str, ask: sandbox.Ask) -> Any:
     task = Task("capture", "7", "trace", "folder", LIMITS, {})
     with contextlib.closing(fork_server(code)) as server:
-        return sandbox.run(task, seconds, lambda *_report: None, lambda: False, server, ask)
+        return sandbox.run(task, lambda *_report: None, lambda: False, server, ask)
 
 
 def test_questions_are_answered_and_the_answer_comes_back() -> None:
@@ -304,7 +306,7 @@ def test_questions_are_answered_and_the_answer_comes_back() -> None:
         asked.append(question)
         return bool(question["kind"] == "second")
 
-    assert _ask(_ASKS, 60, ask) == [False, True]
+    assert _ask(_ASKS, ask) == [False, True]
     assert asked == [{"kind": "first"}, {"kind": "second"}]
 
 
@@ -325,7 +327,7 @@ def test_what_a_person_takes_to_answer_is_no_time_of_the_task(
         late += 3600
         return True
 
-    assert _ask(_ASKS, 60, ask) == [True, True]
+    assert _ask(_ASKS, ask) == [True, True]
 
 
 def test_a_process_ends_when_nobody_is_to_be_asked_any_more() -> None:
@@ -333,7 +335,7 @@ def test_a_process_ends_when_nobody_is_to_be_asked_any_more() -> None:
         raise sandbox.StoppedError
 
     with pytest.raises(sandbox.StoppedError):
-        _ask(_ASKS, 60, ask)
+        _ask(_ASKS, ask)
 
 
 def test_a_process_that_dies_over_its_question_is_not_answered_and_has_crashed() -> None:
@@ -351,4 +353,4 @@ os._exit(9)
         return False
 
     with pytest.raises(CrashError, match="exit code 9"):
-        _ask(code, 60, until_dead)
+        _ask(code, until_dead)

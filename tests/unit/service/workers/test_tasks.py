@@ -19,7 +19,9 @@ from service.workers.tasks import (
     results_of,
 )
 
-LIMITS = Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
+LIMITS = Limits(
+    seconds=60, memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000
+)
 
 
 @pytest.mark.parametrize(
@@ -49,4 +51,4 @@ def test_results_are_the_files_of_the_folder_by_name(tmp_path: Path) -> None:
 def test_limits_are_those_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 4)
     settings = Settings(job_memory_bytes=2**30, job_open_files=16, job_output_bytes=2**24)
-    assert Limits.of(settings, 10) == Limits(2**30, 41, 16, 2**24)
+    assert Limits.of(settings, 10) == Limits(10, 2**30, 41, 16, 2**24)
