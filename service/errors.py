@@ -189,8 +189,8 @@ class NoProcessError(ServiceError):
 
     def __init__(self) -> None:
         super().__init__(
-            "The machine has too few processes, memory or open files to begin with these "
-            "photographs; send them again in a minute."
+            "The machine has too few processes, memory or open files to begin with this; send it "
+            "again in a minute."
         )
 
 

@@ -20,11 +20,7 @@ from service.api.submission import Submission
 from service.api.uploaded_pairs import bring_uploaded
 from service.errors import (
     AttemptError,
-    CrashError,
-    FileLimitError,
     KilledError,
-    MemoryLimitError,
-    OutputLimitError,
     StorageFullError,
     TimeLimitError,
     UnreadyError,
@@ -37,16 +33,7 @@ from service.workers import sandbox
 from service.workers.tasks import Limits, Task
 
 _CHECK_SECONDS = 30.0
-_DYING: dict[type[AttemptError], str] = {
-    CrashError: "The program that reads the headers of photographs crashed on these",
-    MemoryLimitError: "The headers of these photographs want more memory than a job may have",
-    FileLimitError: "The headers of these photographs want more open files than a job may have",
-    OutputLimitError: "These photographs are larger than what a job may write",
-}
-_BUSY: dict[type[AttemptError], str] = {
-    TimeLimitError: f"The headers of these photographs were not read within {_CHECK_SECONDS:g} s",
-    KilledError: "The system killed the program that reads the headers of these photographs",
-}
+_BUSY = (TimeLimitError, KilledError)
 """What a sound pair meets, too, where the machine has too much to do or too little memory."""
 
 
@@ -123,13 +110,7 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
             raise UnreadyError(
                 "The program that reads the headers of photographs was ended; send them again."
             ) from error
-        except tuple(_BUSY) as error:
-            raise UnreadyError(
-                f"{_BUSY[type(error)]}: the machine is overloaded, or they are damaged; send them "
-                "again, and if only this pair meets that each time, report it."
-            ) from error
+        except _BUSY as error:
+            raise UnreadyError(str(error)) from error
         except AttemptError as error:
-            raise UnreadableImageError(
-                f"{_DYING[type(error)]}: they are damaged, or of a kind that is not read; if both "
-                "open elsewhere, report it."
-            ) from error
+            raise UnreadableImageError(str(error)) from error

@@ -16,7 +16,7 @@ import sqlalchemy as sa
 import drivers
 from service.allowed import is_camera_allowed
 from service.capture import CaptureSettings
-from service.errors import AttemptError, NoProcessError, StorageFullError
+from service.errors import AttemptError, NoProcessError, StorageFullError, TimeLimitError
 from service.rows import cameras
 from service.settings import Settings
 from service.workers import host, sandbox, scratch
@@ -81,7 +81,8 @@ class CameraDiscovery:
     ) -> dict[str, Any] | None:
         """Write settings of a camera; then all that it has, by name. None while it is in use.
 
-        Raises sandbox.TaskError for what the driver says, and CameraTimeoutError.
+        Raises sandbox.TaskError for what the driver says, DriverError where its process dies, and
+        NoProcessError, StorageFullError or OSError where the machine has no room for one.
         """
         taken = self._take(address)
         if taken is None:
@@ -154,10 +155,13 @@ class CameraDiscovery:
                     lambda: self._closed,
                     self._server,
                 )
-            except (AttemptError, ChildProcessError) as error:
-                raise drivers.CameraTimeoutError(
-                    f"The camera gave no answer for {_LOOK_SECONDS:.0f} s: switch it off and on "
-                    "and try again."
+            except TimeLimitError as error:
+                raise drivers.CameraTimeoutError(str(error)) from error
+            except AttemptError as error:
+                raise drivers.DriverError(str(error)) from error
+            except ChildProcessError as error:
+                raise drivers.DriverError(
+                    "The program that asks the camera was ended: try again."
                 ) from error
 
 

@@ -38,6 +38,7 @@ from service.errors import (
     NoProcessError,
     NotReadyError,
     SlowRequestError,
+    StorageFullError,
     UnknownCameraError,
     UnknownJobError,
     UnsupportedMediaError,
@@ -64,6 +65,7 @@ _PROBLEMS = (
     drivers.SettingError,
     drivers.DriverError,
     NoProcessError,
+    StorageFullError,
 )
 
 

@@ -34,6 +34,7 @@ from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
 from service.workers import capturing, materials, sandbox, scratch
+from service.workers.deaths import DISK_IS_FULL
 from service.workers.forkserver import ForkServer
 from service.workers.means import Means
 from service.workers.stages import Stages
@@ -124,7 +125,7 @@ class Attempt:
 
     def _problem_of(self, error: Exception) -> dict[str, Any]:
         if isinstance(error, OSError) and error.errno in FULL:
-            error = StorageFullError(sandbox.DISK_IS_FULL)
+            error = StorageFullError(DISK_IS_FULL)
         if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
             note(self._log, "failed", error)
             metrics.count_fault(error)

@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import selectors
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,19 +14,9 @@ from typing import IO, Any
 
 import cv2
 
-from service.errors import (
-    CrashError,
-    FileLimitError,
-    KilledError,
-    MemoryLimitError,
-    NoProcessError,
-    OutputLimitError,
-    StorageFullError,
-    TimeLimitError,
-)
-from service.workers import shortage
+from service.errors import OutputLimitError, TimeLimitError
+from service.workers.deaths import check_exit, death
 from service.workers.forkserver import ForkServer
-from service.workers.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.tasks import PAIRS, Task
 
 _COMMAND = (sys.executable, "-m", "service.workers.child")
@@ -76,13 +65,10 @@ def run(
     """Run a task to its end, or to its limits; must_stop is asked several times a second.
 
     Gives what it answers with. ask: called with its questions; the time it takes does not count,
-    and it may raise StoppedError. Raises TaskError, StoppedError, CrashError, MemoryLimitError,
-    KilledError, TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the
-    disk is full, StorageFullError; NoProcessError where the task has not begun.
+    and it may raise StoppedError. Raises TaskError, StoppedError, ChildProcessError, and what
+    check_exit raises, NoProcessError where the task has not begun.
     """
     deadline = time.monotonic() + task.limits.seconds
-    captures = task.kind == "capture"
-    too_long = _CAPTURE_TOO_LONG if captures else _TOO_LONG
 
     def is_over() -> bool:
         _check_output(task)
@@ -97,7 +83,7 @@ def run(
         _write(process.stdin, task.to_json())
         if ask is None:
             _close(process.stdin)
-        for message in _messages(process.stdout, seconds_left, is_over, too_long):
+        for message in _messages(task, process.stdout, seconds_left, is_over):
             if "problem" in message:
                 problem = message["problem"]
             elif "answer" in message:
@@ -111,10 +97,10 @@ def run(
         try:
             code = process.wait(max(seconds_left(), _END_SECONDS))
         except TimeoutError as error:
-            raise TimeLimitError(too_long) from error
+            raise death(task, TimeLimitError) from error
     if problem is not None:
         raise TaskError(problem)
-    _raise_for_exit(code, too_long, captures)
+    check_exit(task, code)
     _check_output(task)
     return answer
 
@@ -138,14 +124,14 @@ def _check_output(task: Task) -> None:
         with contextlib.suppress(FileNotFoundError):  # it may just have been renamed
             written += path.stat().st_size if path.is_file() else 0
     if written > task.limits.output_bytes:
-        raise OutputLimitError(_TOO_MUCH)
+        raise death(task, OutputLimitError)
 
 
 def _messages(
+    task: Task,
     stdout: IO[bytes],
     seconds_left: Callable[[], float],
     must_stop: Callable[[], bool],
-    too_long: str,
 ) -> Iterator[dict[str, Any]]:
     rest = b""
     with selectors.DefaultSelector() as selector:
@@ -155,7 +141,7 @@ def _messages(
             if must_stop():
                 raise StoppedError
             if seconds_left() < 0:
-                raise TimeLimitError(too_long)
+                raise death(task, TimeLimitError)
             if not ready:
                 continue
             chunk = os.read(stdout.fileno(), 65536)
@@ -163,46 +149,3 @@ def _messages(
                 return
             *lines, rest = (rest + chunk).split(b"\n")
             yield from (json.loads(line) for line in lines)
-
-
-_TOO_MUCH = (
-    "The results are larger than a job's may be; ask for fewer, or send smaller photographs."
-)
-DISK_IS_FULL = "The disk on which jobs run is full; send this one again later."
-_TOO_LONG = "The job took longer than it may take; send smaller photographs."
-_CAPTURE_TOO_LONG = (
-    "The capture took longer than a job may take; check the camera's connection and take the pair "
-    "again."
-)
-
-
-def _raise_for_exit(code: int, too_long: str, captures: bool) -> None:
-    if code == 0:
-        return
-    if code == NO_PROCESS:
-        raise NoProcessError
-    if code == -signal.SIGXCPU:
-        raise TimeLimitError(too_long)
-    if code == OUT_OF_MEMORY:
-        raise MemoryLimitError(shortage.TOLD)
-    if code == -signal.SIGXFSZ:
-        raise OutputLimitError(_TOO_MUCH)
-    if code == OUT_OF_FILES:
-        raise FileLimitError("The job needs more open files than it may have.")
-    if code == DISK_FULL:
-        raise StorageFullError(DISK_IS_FULL)
-    if code == -signal.SIGKILL:
-        raise KilledError(
-            "The system killed the program, most likely for want of memory; "
-            + ("take the pair again." if captures else "send smaller photographs.")
-        )
-    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    if captures:
-        raise CrashError(
-            f"The program crashed over the camera ({how}); switch that off and on and take the "
-            "pair again, and if it crashes anew report it with this job's trace_id."
-        )
-    raise CrashError(
-        f"The program crashed on these photographs ({how}); "
-        "if both open elsewhere, report it with this job's trace_id."
-    )
