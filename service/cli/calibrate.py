@@ -12,8 +12,8 @@ import typer
 
 from service.cli.files import read_file, read_table, shown
 from service.cli.numbers import circle, lamps_asked_for, read_numbers
-from service.cli.options import MaybeFlash, PairFlags, with_flags
-from service.cli.parameters import AsJson, output
+from service.cli.options import MaybeFlash, PairFlags
+from service.cli.parameters import AsJson, output, with_flags
 
 if TYPE_CHECKING:
     from pipeline.taken_with import Kind

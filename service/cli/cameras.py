@@ -16,20 +16,18 @@ import typer
 from service.cli.files import shown
 from service.cli.parameters import (
     AsJson,
-    FlashSwitch,
-    RecipeFile,
-    Settle,
-    SetValues,
     a_number,
     output,
+    with_flags,
 )
 from service.cli.shooting import (
     RECIPE,
+    Shooting,
+    ShootingFlags,
     ending,
     new_shot,
     paced,
     say,
-    wanted_settings,
 )
 
 if TYPE_CHECKING:
@@ -94,13 +92,11 @@ def _look(address: str) -> tuple[drivers.CameraInfo, str | None]:
         return info, None
 
 
+@with_flags
 def capture(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
     output: Annotated[Path, output("DIR", "Folder of the photographs.")],
-    flash: FlashSwitch = "property",
-    settle: Settle = 1.0,
-    settings: SetValues = None,
-    recipe: RecipeFile = None,
+    flags: ShootingFlags,
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs.")] = 1,
     interval: Annotated[
         float,
@@ -133,15 +129,13 @@ def capture(
     """
     import drivers
     from service.cli.display import print_json
-    from service.cli.flash import flash_switch
 
-    wanted = wanted_settings(settings, recipe)
-    switch = flash_switch(flash, settle)
+    shooting = flags.shooting()
     saved: list[dict[str, Any]] = []
     try:
         with contextlib.closing(drivers.ReturningCamera(address, say)) as camera:
             for _ in paced(pairs, interval):
-                about, clear = _take(camera, wait, output, switch, wanted)
+                about, clear = _take(camera, wait, output, shooting)
                 saved.append(about)
                 if not as_json:
                     print(*map(shown, about["files"]), sep="\n", flush=True)
@@ -156,8 +150,7 @@ def _take(
     camera: drivers.ReturningCamera,
     wait_s: float,
     output: Path,
-    switch: drivers.Flash,
-    wanted: dict[drivers.SettingName, drivers.SettingValue],
+    shooting: Shooting,
 ) -> tuple[dict[str, Any], Callable[[], None]]:
     """Take and save one pair; its name and its files, and what takes it off the card."""
     from pipeline.errors import InputError, reason_of
@@ -166,7 +159,7 @@ def _take(
     from service.sending.recipe import Recipe
 
     with new_results(output) as folder:
-        opened, taker, pair = _capture(camera, wait_s, switch, wanted)
+        opened, taker, pair = _capture(camera, wait_s, shooting)
         shot = new_shot()
         recipe, made = f"{shot}{RECIPE}", Recipe.of(pair, taker)
         frames = {"no_flash": pair.no_flash, "flash": pair.flash}
@@ -209,8 +202,7 @@ def _clear(camera: drivers.Camera, pair: drivers.CapturedPair) -> None:
 def _capture(
     camera: drivers.ReturningCamera,
     wait_s: float,
-    switch: drivers.Flash,
-    wanted: dict[drivers.SettingName, drivers.SettingValue],
+    shooting: Shooting,
 ) -> tuple[drivers.Camera, drivers.CameraInfo, drivers.CapturedPair]:
     """Take a pair; with which camera. It is asked before: after the pair it may be gone."""
     import drivers
@@ -219,8 +211,7 @@ def _capture(
         opened = camera.connected(wait_s)  # which has waited already for what it raises
         try:
             taker = opened.info()
-            pair = drivers.capture_pair(opened, flash=switch, settings=wanted)
-            return opened, taker, pair
+            return opened, taker, shooting.take(opened)
         except (
             drivers.CameraDisconnectedError,
             drivers.CameraTimeoutError,

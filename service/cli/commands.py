@@ -19,9 +19,8 @@ from service.cli.options import (
     MaybeFlash,
     NoFlash,
     NoFlashOrFolder,
-    with_flags,
 )
-from service.cli.parameters import AsJson, KeyFile, output
+from service.cli.parameters import AsJson, KeyFile, output, with_flags
 
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -210,36 +208,6 @@ class Flags(PairFlags):
         }
         with in_words():
             return Options.model_validate(self.typed(values))
-
-
-def with_flags(command: Callable[..., object]) -> Callable[..., object]:
-    """Replace the parameter `flags` of a command by one command line option per field of its type.
-
-    The type is PairFlags or one that adds to it.
-    """
-    parameters = inspect.signature(command, eval_str=True).parameters
-    kind = parameters["flags"].annotation
-    own = [parameter for parameter in parameters.values() if parameter.name != "flags"]
-    hints = get_type_hints(kind, include_extras=True)
-    added = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=hints[field.name],
-        )
-        for field in fields(kind)
-    ]
-
-    def wrapper(**arguments: Any) -> object:
-        flags = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
-        return command(**arguments, flags=flags)
-
-    wrapper.__name__ = command.__name__
-    wrapper.__doc__ = command.__doc__
-    keyword_only = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in own]
-    wrapper.__signature__ = inspect.Signature([*keyword_only, *added])  # type: ignore[attr-defined]
-    return wrapper
 
 
 def _lamps(typed: list[str] | None) -> list[Any] | None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -29,30 +32,33 @@ KeyFile = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="File with the key. Default: LIGHTLAYERS_KEY, or none."),
 ]
-FlashSwitch = Annotated[
-    str,
-    typer.Option(
-        metavar="SWITCH",
-        help='What switches the flash: "property", the camera itself; "operator", somebody who '
-        "is asked here; or a command or URL in which {state} becomes on or off.",
-    ),
-]
-Settle = Annotated[
-    float,
-    typer.Option(
-        min=0, max=3600, callback=a_number, help="Seconds that a flash so told takes to obey."
-    ),
-]
-SetValues = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="A setting of the camera for both photographs: iso=200, f_number=8, shutter_s=1/60, "
-        "white_balance=daylight. Once for each; above those of the recipe.",
-    ),
-]
-RecipeFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE.json", help="Take it with the settings of an earlier pair."),
-]
+
+
+def with_flags(command: Callable[..., object]) -> Callable[..., object]:
+    """Replace the parameter `flags` of a command by one command line option per field of its type.
+
+    The type is a dataclass whose fields are annotated like parameters of a command.
+    """
+    parameters = inspect.signature(command, eval_str=True).parameters
+    kind = parameters["flags"].annotation
+    own = [parameter for parameter in parameters.values() if parameter.name != "flags"]
+    hints = get_type_hints(kind, include_extras=True)
+    added = [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=hints[field.name],
+        )
+        for field in fields(kind)
+    ]
+
+    def wrapper(**arguments: Any) -> object:
+        flags = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
+        return command(**arguments, flags=flags)
+
+    wrapper.__name__ = command.__name__
+    wrapper.__doc__ = command.__doc__
+    keyword_only = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in own]
+    wrapper.__signature__ = inspect.Signature([*keyword_only, *added])  # type: ignore[attr-defined]
+    return wrapper

@@ -1,23 +1,89 @@
-"""What the commands that have a camera take pairs share: settings, recipes, names and pace."""
+"""What the commands that have a camera take pairs share: flags, names and pace."""
 
 from __future__ import annotations
 
 import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from service.cli.files import read_file, shown
+from service.cli.parameters import a_number
 
 if TYPE_CHECKING:
     import drivers
 
 RECIPE = "_recipe.json"
 """How the names of recipes end."""
+
+
+def say(sentence: str) -> None:
+    """Tell the person at the terminal."""
+    print(shown(sentence), file=sys.stderr, flush=True)
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """How pairs are taken: what switches the flash, and what is set for both photographs."""
+
+    flash: drivers.Flash
+    settings: dict[drivers.SettingName, drivers.SettingValue]
+
+    def take(self, camera: drivers.Camera) -> drivers.CapturedPair:
+        """Take a pair. Raises what drivers.capture_pair raises."""
+        import drivers
+
+        return drivers.capture_pair(camera, flash=self.flash, settings=self.settings)
+
+
+@dataclass(frozen=True)
+class ShootingFlags:
+    """What was typed of how pairs are to be taken."""
+
+    flash: Annotated[
+        str,
+        typer.Option(
+            metavar="SWITCH",
+            help='What switches the flash: "property", the camera itself; "operator", somebody who '
+            "is asked here; or a command or URL in which {state} becomes on or off.",
+        ),
+    ] = "property"
+    settle: Annotated[
+        float,
+        typer.Option(
+            min=0, max=3600, callback=a_number, help="Seconds that a flash so told takes to obey."
+        ),
+    ] = 1.0
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="A setting of the camera for both photographs: iso=200, f_number=8, "
+            "shutter_s=1/60, white_balance=daylight. Once for each; above those of the recipe.",
+        ),
+    ] = None
+    recipe: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Take it with the settings of an earlier pair."),
+    ] = None
+
+    def shooting(self, tell: Callable[[str], None] = say) -> Shooting:
+        """Read it, and the recipe. tell: says what the operator of a flash is to do.
+
+        Raises pipeline.errors.InputError, OptionError.
+        """
+        from service.cli.flash import flash_switch
+
+        settings = wanted_settings(self.settings, self.recipe)
+        return Shooting(flash_switch(self.flash, self.settle, tell), settings)
 
 
 def wanted_settings(
@@ -88,8 +154,3 @@ def paced(count: int | None, interval_s: float) -> Iterator[int]:
         time.sleep(max(0.0, due - now))
         number += 1
         yield number
-
-
-def say(sentence: str) -> None:
-    """Tell the person at the terminal."""
-    print(shown(sentence), file=sys.stderr, flush=True)

@@ -155,7 +155,7 @@ def test_the_end_of_stdin_ends_it_also_while_the_camera_is_away(
 def test_at_intervals_it_goes_on_once_the_camera_is_back(
     tether: Callable[..., int], http: httpx.Client, bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.cli.tether._PAUSE_S", 0.01)
+    monkeypatch.setattr("service.cli.taking._PAUSE_S", 0.01)
     bus.body.fault = "unplug"
     assert tether("--interval", "0", "--pairs", "3") == 1  # one of them has failed
     assert len(jobs_of(http)) == 2
