@@ -7,7 +7,6 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator
-from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -24,9 +23,9 @@ from service.api.accepted_job import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
 from service.api.callers import Caller, Calling, Standing
-from service.api.captures import accept_captures, told_of
+from service.api.captures import told_of
 from service.api.context import Context, Parts, TraceId
-from service.api.make_job import queue_captures
+from service.api.make_job import make_captures
 from service.api.models import CameraCapture, SettingsRequest
 from service.api.problems import responses
 from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
@@ -160,8 +159,7 @@ async def capture(
     context = submission.context
     address = await run_in_threadpool(_address, context, camera_id)
     wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
-    work = partial(accept_captures, submission, address, wanted, named)
-    made = await queue_captures(context, named, work)
+    made = await make_captures(submission, address, wanted, named)
     response.headers.update(made.headers)
     return await run_in_threadpool(_jobs, context, made.job_id)
 

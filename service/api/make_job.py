@@ -1,4 +1,4 @@
-"""Makes the job that a request asks for, in a thread that only what it waits for can hold up."""
+"""Makes the jobs that a request asks for, in a thread that only what it waits for can hold up."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from fastapi.concurrency import run_in_threadpool
 
 from service.api.accept_pair import accept_pair
 from service.api.accepted_job import Accepted
-from service.api.captures import accept_capture
+from service.api.captures import accept_capture, accept_captures
 from service.api.context import Context
 from service.api.intake import Intake
+from service.api.models import CameraCapture
 from service.api.submission import Submission
 
 
@@ -23,15 +24,20 @@ async def make_job(submission: Submission, wanted: Intake) -> Accepted:
     """
     if wanted.capture is None:
         return await submission.context.store(accept_pair, submission, wanted)
-    work = partial(accept_capture, submission, wanted)
-    return await queue_captures(submission.context, wanted.calibrations, work)
+    accept = partial(accept_capture, submission, wanted)
+    return await _accept(submission.context, accept, wanted.calibrations)
 
 
-async def queue_captures(
-    context: Context, named: dict[str, Any], work: Callable[[], Accepted]
+async def make_captures(
+    submission: Submission, camera: str, wanted: CameraCapture, named: dict[str, Any]
 ) -> Accepted:
-    """Accept captures in a thread that no store holds up, unless calibrations are read from it.
+    """Make the jobs of a burst, as accept_captures does. Raises what that raises."""
+    accept = partial(accept_captures, submission, camera, wanted, named)
+    return await _accept(submission.context, accept, named)
 
-    named: calibrations, as an Intake has them. Raises what the work raises.
-    """
-    return await (context.fetch(work) if named else run_in_threadpool(work))
+
+async def _accept(
+    context: Context, accept: Callable[[], Accepted], named: dict[str, Any]
+) -> Accepted:
+    """Accept captures in a thread that a store can hold up only if it has calibrations to give."""
+    return await (context.fetch(accept) if named else run_in_threadpool(accept))
