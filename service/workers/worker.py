@@ -1,4 +1,4 @@
-"""The worker process: takes jobs from the queue, says that it lives, takes dead workers' jobs over.
+"""The worker process: does what comes out of the queues, one attempt at a job after the other.
 
 python -m service.workers.worker [PARENT] runs one with the settings of the environment; with a
 PARENT it ends when that process does.
@@ -13,27 +13,26 @@ import signal
 import sys
 import threading
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import sqlalchemy as sa
 
 import drivers
-from service import counters, dbos_queue, logs, metrics, tracing, webhooks
-from service.dbos_queue import Duties, Held, Pace
-from service.errors import AbandonedError, DeadlineError, StartError
+from service import dbos_queue, logs, metrics, tracing, webhooks
+from service.dbos_queue import Duties, Pace
+from service.errors import AbandonedError, StartError
 from service.opening import open_database, open_storage
 from service.patience import note, passes
 from service.problems import cause_of, problem_of
-from service.retention import Sweep
-from service.rows import attempts, cameras, database, heartbeats, jobs, waiting
+from service.rows import attempts, cameras, database, jobs
 from service.rows.states import State
 from service.settings import Settings
-from service.workers import capturing, host, presence, sandbox, scratch
+from service.workers import capturing, host, sandbox, scratch
 from service.workers.attempt import Attempt
 from service.workers.processes import die_with_parent
+from service.workers.upkeep import Upkeep
 
-_OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0  # between two looks at a job that another worker has
 _AGAIN_SECONDS = 10.0  # between two looks for a worker that knows a job's options
 _STOP_SECONDS = drivers.SWITCH_S + 5.0  # of captures, for their flash to be left off, too
@@ -46,7 +45,7 @@ IsOver = Callable[[sa.Connection, jobs.Job], bool]
 
 
 class Worker:
-    """One worker; `run` is what the queue calls, `keep` what `serve` repeats."""
+    """One worker; `run`, `capture`, `deliver` and `sweep` are what the queues call."""
 
     def __init__(self, settings: Settings) -> None:
         """Open database and store. Raises StartError."""
@@ -56,16 +55,15 @@ class Worker:
         self._storage = open_storage(settings)
         self._queue = dbos_queue.Queue(self._engine)
         self._deliverer = webhooks.Deliverer(self._engine, self._queue, settings)
-        self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
-        self._keep_seconds = settings.retention_seconds
         self._fork_server = sandbox.fork_server(settings.worker_concurrency, pairs=True)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
         self._runs: set[str] = set()
         """What the queues have called this worker for: see Held.work."""
-        self._idle_held: set[Held] = set()
-        """What the queues have given to this worker, without calling it yet."""
+        self.upkeep = Upkeep(
+            self.id, self._engine, self._storage, self._queue, settings, self._running
+        )
 
     def serve(self, stop: threading.Event) -> None:
         """Work until `stop` is set, then put back what is running. Raises StartError.
@@ -75,17 +73,16 @@ class Worker:
         metrics.serve(self._settings, self._engine)
         self._fork_server.start()
         scratch.clear(self._settings.data_dir)
-        presence.enter(self._settings.data_dir, self.id)
-        self._enter()
+        self.upkeep.enter()
         self._launch()
         log.info("ready", extra={"worker": self.id})
-        self.keep()
+        self.upkeep.keep()
         while not stop.wait(self._settings.heartbeat_seconds):
-            self.keep()
+            self.upkeep.keep()
         self._stopping.set()
         with self._idle:
             self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
-        self._leave()
+        self.upkeep.leave()
         log.info("stopped", extra={"worker": self.id})
 
     def _launch(self) -> None:
@@ -99,67 +96,6 @@ class Worker:
                 "The database of jobs went away while the worker started: start it, or check "
                 f"LIGHTLAYERS_DATABASE_URL ({cause_of(error)})."
             ) from error
-
-    def keep(self) -> None:
-        """One heartbeat, jobs of dead workers back into the queue, and deliveries that are due."""
-        try:
-            self._beat()
-            self._bury()
-            held = self._queue.held()  # first: whoever holds something has beaten before
-            with self._engine.begin() as connection:
-                living = heartbeats.living(connection, self._settings.silence_seconds)
-                dead = {one for one in held if one.worker not in living}
-                lost = jobs.held(connection, {one.job for one in dead if one.runs})
-            forgotten = self._forgotten(held)
-            self._queue.put_back(dead | forgotten)
-            # A worker that was stopped has put its jobs back itself, but for their queue's entries.
-            taken = {one for one in dead if one.job in lost or not one.runs}
-            for one in taken:
-                log.warning("taken over", extra={"job": one.job, "worker": self.id})
-                counters.TAKEOVERS.inc(one.runs)
-            for one in forgotten | (dead - taken):
-                log.warning("put back", extra={"job": one.job, "worker": self.id})
-            self._fail_overdue()
-            self._queue_deliveries()
-        except Exception as error:  # the next heartbeat may find the database there again
-            note(log, "the heartbeat was cut short", error, worker=self.id)
-            self._make_room(error)
-
-    def _enter(self) -> None:
-        """Say for the first time that this worker lives. Raises StartError."""
-        try:
-            self._beat()
-        except sa.exc.DBAPIError as error:
-            self._make_room(error)  # for the next start
-            raise StartError(
-                "The database of jobs cannot be written: make room on its disk, or check "
-                f"LIGHTLAYERS_DATABASE_URL ({cause_of(error)})."
-            ) from error
-
-    def _leave(self) -> None:
-        try:
-            with self._engine.begin() as connection:
-                heartbeats.leave(connection, self.id)
-            presence.leave(self._settings.data_dir, self.id)
-        except Exception as error:  # others find out by the process's lock, or its silence
-            note(log, "left without a word", error, worker=self.id)
-
-    def _bury(self) -> None:
-        """Forget the workers of this machine that have died."""
-        for worker in presence.dead(self._settings.data_dir):
-            with self._engine.begin() as connection:
-                heartbeats.leave(connection, worker)
-
-    def _forgotten(self, held: Iterable[Held]) -> set[Held]:
-        """Find what this worker took out of the queues without learning of it.
-
-        The database's answer got lost on the way.
-        """
-        with self._idle:
-            idle = {one for one in held if one.worker == self.id and one.work not in self._runs}
-        # What came out just now is called for in a moment.
-        forgotten, self._idle_held = idle & self._idle_held, idle
-        return forgotten
 
     def run(self, job_id: str, again: int = 0) -> None:
         """Run a job until it has ended, or is queued once more for a newer worker.
@@ -186,7 +122,11 @@ class Worker:
 
     def sweep(self, queued: str, thorough: bool) -> None:
         """Remove what is due, or as much as can be; queued: id of the sweep in its queue."""
-        self._alone(queued, lambda: self._sweep(thorough))
+        self._alone(queued, lambda: self.upkeep.sweep(thorough))
+
+    def _running(self) -> set[str]:
+        with self._idle:
+            return set(self._runs)
 
     def _alone(self, queued: str, work: Callable[[], object]) -> None:
         """Do an entry of a queue, never twice at a time; queued: its name by Held.work."""
@@ -247,7 +187,7 @@ class Worker:
                         attempt = None
                         if passed_on:
                             return True
-                        self._queue_deliveries()
+                        self.upkeep.queue_deliveries()
                         continue
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
@@ -274,10 +214,6 @@ class Worker:
             with self._idle:
                 self._busy -= 1
                 self._idle.notify_all()
-
-    def _queue_deliveries(self) -> None:
-        with self._engine.begin() as connection:
-            webhooks.queue_deliveries(connection, self._queue)
 
     def _start(self, job: jobs.Job) -> Attempt:
         return Attempt(
@@ -313,42 +249,6 @@ class Worker:
             return attempt.run()
         return attempt.run(partial(submit, again=again + 1, delay_seconds=_AGAIN_SECONDS))
 
-    def _fail_overdue(self) -> None:
-        """End jobs that wait past their deadlines; their attempts end those that run."""
-        failed: dict[str, str] = {}
-        with self._engine.begin() as connection:
-            for job_id, trace_id in waiting.overdue(connection, _OVERDUE_AT_ONCE):
-                problem = problem_of(DeadlineError(), trace_id)
-                if jobs.fail_waiting(connection, job_id, problem.model_dump(), self._keep_seconds):
-                    failed[job_id] = problem.type
-        for job_id, problem_type in failed.items():
-            log.info("failed: %s", problem_type, extra={"job": job_id})
-        if failed:
-            self._queue.withdraw(*failed)
-
-    def _sweep(self, thorough: bool) -> None:
-        try:
-            self._sweeping.run(thorough)
-        except Exception as error:  # the next one does what this one has left
-            note(log, "the sweep was cut short", error, worker=self.id)
-            self._make_room(error)
-
-    def _make_room(self, error: Exception) -> None:
-        """Remove files where an error is that of a database whose disk is full.
-
-        No sweep would: on such a disk none can be taken out of its queue.
-        """
-        if not database.is_full(error):
-            return
-        try:
-            self._sweeping.make_room()
-        except Exception as failure:  # the next heartbeat tries again
-            note(log, "making room was cut short", failure, worker=self.id)
-
-    def _beat(self) -> None:
-        with self._engine.begin() as connection:
-            heartbeats.beat(connection, self.id)
-
 
 def _has_ended(_connection: sa.Connection, job: jobs.Job) -> bool:
     return job.ended
@@ -376,7 +276,7 @@ def run_until_signal(settings: Settings) -> None:
     worker.serve(stop)
     tracing.flush()
     logging.shutdown()
-    # Threads of jobs that were put back wait for ever; see Worker.run.
+    # Threads of jobs that were put back wait for ever; see Worker._working.
     os._exit(0)
 
 

@@ -16,6 +16,6 @@ def one(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]
     """A worker that lives, whose queue is the test, and that does not wait before it retries."""
     monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.0)
     one = Worker(settings)
-    one._beat()
+    one.upkeep._beat()
     yield one
     one._engine.dispose()

@@ -30,7 +30,7 @@ def older(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worke
 
     monkeypatch.setattr(sandbox, "run", refuse)
     older = Worker(settings.model_copy(update={"patience_seconds": 25.0}))
-    older._beat()
+    older.upkeep._beat()
     for frame in FRAMES:
         older._storage.put(inputs_key("a", frame), frame.encode())
     added_pair(older._engine, options={"of_tomorrow": 1})

@@ -15,17 +15,12 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from service import dbos_queue, metrics
-from service.errors import StartError
 from service.object_keys import results_key
-from service.rows import attempts, cameras, database, heartbeats, jobs
-from service.rows.database import AWAY
+from service.rows import attempts, cameras, database, jobs
 from service.rows.states import State
-from service.storage import Storage
-from service.workers import host, worker
 from service.workers.attempt import Attempt
 from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first
-from tests.unit.service.full_disk import full_disk
 from tests.unit.service.job_rows import added_pair
 
 CUT_SHORT = {
@@ -65,13 +60,6 @@ def test_whatever_cuts_an_attempt_short_another_follows(
     one.run("a")
     job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
-
-
-def test_a_worker_is_known_to_live_on_its_host(one: Worker) -> None:
-    one._beat()
-    with one._engine.connect() as connection:
-        assert heartbeats.live_on(connection, host.name())
-        assert not heartbeats.live_on(connection, host.name()[:-1])
 
 
 def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
@@ -186,7 +174,7 @@ def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
 def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> None:
     added_pair(one._engine, deadline=1.0)
     if seen == "by its heartbeat":
-        one.keep()
+        one.upkeep.keep()
     else:
         one.run("a")
     job = _find(one)
@@ -194,55 +182,6 @@ def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> Non
     assert job.error is not None
     assert job.error["type"] == "urn:lightlayers:problem:deadline-passed"
     assert (job.error["retryable"], job.error["trace_id"]) == (True, "1" * 32)
-
-
-def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_on(
-    one: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "_OVERDUE_AT_ONCE", 2)
-    withdrawn: list[tuple[str, ...]] = []
-    monkeypatch.setattr(one._queue, "withdraw", lambda *job_ids: withdrawn.append(job_ids))
-    for number, job_id in enumerate(("a", "b", "c", "in time")):
-        added_pair(one._engine, id=job_id, deadline=9e9 if job_id == "in time" else 1.0 + number)
-    for _ in range(3):
-        one.keep()
-    assert withdrawn == [("a", "b"), ("c",)]
-    with one._engine.connect() as connection:
-        found = {job.id: job.state for job in jobs.page(connection, None, 10)}
-    assert found == dict.fromkeys("abc", State.FAILED) | {"in time": State.QUEUED}
-
-
-def test_late_jobs_fail_in_one_transaction(one: Worker) -> None:
-    for job_id in "abc":
-        added_pair(one._engine, id=job_id, deadline=1.0)
-    writes: list[int] = []
-
-    def count(_c: object, _cursor: object, query: str, *_more: object) -> None:
-        if query.startswith("UPDATE jobs"):
-            writes.append(len(commits))
-
-    commits: list[None] = []
-    sa.event.listen(one._engine, "before_cursor_execute", count)
-    sa.event.listen(one._engine, "commit", lambda _connection: commits.append(None))
-    one.keep()
-    assert writes == [writes[0]] * 3
-
-
-def test_a_heartbeat_outlives_what_breaks_it(
-    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail() -> list[str]:
-        raise RuntimeError("no such workflow")
-
-    with monkeypatch.context() as broken:
-        broken.setattr(one._queue, "held", fail)
-        one.keep()
-    assert "no such workflow" in caplog.text
-    with one._engine.begin() as connection:
-        connection.execute(sa.delete(database.workers))
-    one.keep()
-    with one._engine.connect() as connection:
-        assert connection.execute(sa.select(database.workers.c.id)).scalars().all() == [one.id]
 
 
 def test_an_attempt_is_given_up_when_the_database_is_back(
@@ -299,66 +238,6 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
     for thread in threads:
         thread.join()
     assert runs == [1]
-
-
-@pytest.mark.parametrize("error", AWAY)
-def test_a_database_that_is_away_does_not_end_a_worker(
-    one: Worker, error: type[sa.exc.SQLAlchemyError], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gone = error("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
-    one.keep()
-    one.keep()
-    with one._engine.begin() as connection:
-        assert heartbeats.living(connection, 60) == {one.id}
-
-
-@pytest.mark.parametrize("noticed", ["by its heartbeat", "by the sweep", "at its start"])
-def test_on_a_full_disk_of_the_database_a_worker_makes_room(noticed: str, one: Worker) -> None:
-    """No sweep comes out of its queue then."""
-    added_pair(one._engine, state="succeeded", finished=1.0, expires=2.0)
-    one._storage.put("jobs/a/inputs/flash", b"light")
-    with full_disk(one._engine):
-        if noticed == "by its heartbeat":
-            one.keep()
-        elif noticed == "by the sweep":
-            one.sweep("s", False)
-        else:
-            with pytest.raises(StartError, match="cannot be written: make room on its disk"):
-                one._enter()
-        assert one._storage.list("jobs/") == []
-        assert _find(one).state == State.SUCCEEDED
-    one._enter()
-    one.sweep("s", False)
-    with one._engine.connect() as connection:
-        assert jobs.find(connection, "a") is None
-
-
-def test_a_database_that_is_away_makes_no_room(
-    one: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    added_pair(one._engine, state="succeeded", finished=1.0, expires=2.0)
-    one._storage.put("jobs/a/inputs/flash", b"light")
-    gone = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
-    one.keep()
-    assert len(one._storage.list("")) == 1
-
-
-def test_a_heartbeat_outlives_room_that_cannot_be_made(
-    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail(_storage: Storage) -> int:
-        raise GenericError("the store is away")
-
-    monkeypatch.setattr(Storage, "free_bytes", fail)
-    with full_disk(one._engine):
-        one.keep()
-    assert "making room was cut short, store-unavailable: the store is away" in caplog.text
-    assert not any(line.exc_info for line in caplog.records)
-    one.keep()
-    with one._engine.begin() as connection:
-        assert heartbeats.living(connection, 60) == {one.id}
 
 
 def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one: Worker) -> None:

@@ -40,28 +40,6 @@ def test_a_database_that_goes_while_a_worker_starts_is_told_in_a_line(
     )
 
 
-@pytest.mark.parametrize(
-    ("error", "words", "traced"),
-    [
-        (_AWAY, "the heartbeat was cut short, database-unavailable: connection failed: refused", 0),
-        (RuntimeError("what?"), "the heartbeat was cut short", 1),
-    ],
-)
-def test_a_heartbeat_without_a_database_is_a_line_and_a_fault_of_ours_a_trace(
-    error: Exception,
-    words: str,
-    traced: int,
-    one: Worker,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    monkeypatch.setattr(one._queue, "held", raising(error))
-    one.keep()
-    said = [(line.getMessage(), bool(line.exc_info)) for line in caplog.records]
-    assert said == [(words, bool(traced))]
-    assert vars(caplog.records[0])["worker"] == one.id
-
-
 def test_a_job_without_a_database_is_a_line_for_each_time_that_it_goes(
     one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
