@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=None)
 
+_MOMENTS = ("created", "started", "finished", "deadline", "expires", "request_until", "eta")
+"""Columns in seconds since 1970, which are shown as ISO 8601."""
+
 Id = Annotated[str, typer.Argument(metavar="ID", help="Id of the job.")]
 
 
@@ -63,7 +66,7 @@ def _known(job: Job) -> dict[str, Any]:
     del known["request_hash"]
     if known["webhook"]:  # its secret is nobody's business
         known["webhook"] = {"url": known["webhook"].get("url")}
-    for moment in ("created", "started", "finished", "deadline", "expires", "request_until"):
+    for moment in _MOMENTS:
         if known[moment] is not None:
             known[moment] = datetime.fromtimestamp(known[moment], UTC).isoformat()
     return known

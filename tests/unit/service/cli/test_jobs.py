@@ -72,6 +72,20 @@ def test_jobs_of_all_owners_are_listed(
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
+def test_all_times_of_a_job_are_shown_as_dates(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moments = ("created", "started", "finished", "deadline", "expires", "request_until", "eta")
+    with context.engine.begin() as connection:
+        known = {name: 86400.0 * day for day, name in enumerate(moments, 1)}
+        connection.execute(sa.update(database.jobs).values(known))
+    assert run(["jobs", "show", "a"]) == 0
+    job = json.loads(capsys.readouterr().out)
+    assert {name: job[name] for name in moments} == {
+        name: f"1970-01-0{day}T00:00:00+00:00" for day, name in enumerate(moments, 2)
+    }
+
+
 def test_a_job_is_shown_without_its_secrets(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["jobs", "show", "a"]) == 0
     said = capsys.readouterr().out
