@@ -31,7 +31,8 @@ from pipeline.options import Options
 from pipeline.result_names import LAYERS, MANIFEST, lamp_name, layer_channels
 from service.cli.display import print_results, stage_bar
 from service.cli.results_folder import new_results
-from service.sending.client import Client, RefusedError, ServiceAwayError
+from service.sending.client import Client
+from service.sending.failures import RefusedError, ServiceAwayError
 from service.workers import processes
 
 CAMERA = "sim://studio?lights=2&width=1200&height=800"

@@ -26,7 +26,7 @@ def explain(error: Exception) -> tuple[str, int]:
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from service.errors import ServiceError
     from service.problems import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, kind_of
-    from service.sending.client import RefusedError, ServiceAwayError
+    from service.sending.failures import RefusedError, ServiceAwayError
     from service.sentences import sentence_of
 
     if isinstance(error, BadAddressError | CameraNotFoundError | RefusedError | ServiceError):

@@ -17,8 +17,15 @@ import httpx
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
-from service.retry_after import retry_after
 from service.rows.states import ENDED
+from service.sending.failures import (
+    RefusedError,
+    ServiceAwayError,
+    failure_of,
+    failure_of_job,
+    json_object,
+    stranger,
+)
 
 _POLL_SECONDS = 0.3
 _TIMEOUT_SECONDS = 60.0  # without a byte
@@ -28,35 +35,11 @@ _LONGEST_PAUSE_SECONDS = 15.0
 _PIECE_BYTES = 1 << 16
 _TUS = {"Tus-Resumable": "1.0.0"}
 _GONE = (404, 410)
-_ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
 _LOOKED_AT = {"state", "stage", "fraction", "error", "files"}
 
 Job = dict[str, Any]
 Result = TypeVar("Result")
-
-
-class ServiceAwayError(Exception):
-    """The service does not answer, is too busy, or failed through no fault of the request.
-
-    status: of HTTP, None where nothing answered or a job failed. passes: whether the same request
-    may do better in a while; retry_seconds: in how long, as far as the service says so.
-    """
-
-    status: int | None = None
-    passes = False
-    retry_seconds = 0.0
-
-
-class RefusedError(Exception):
-    """The service refused the request for good, or the job failed for what was sent.
-
-    status: of HTTP, None where a job failed. final: whether what was sent will never pass, with
-    whichever key and whenever it is sent again.
-    """
-
-    status: int | None = None
-    final = False
 
 
 class Client:
@@ -126,7 +109,7 @@ class Client:
         with self._request("POST", "/uploads", headers=headers) as response:
             upload_id = response.headers.get("location", "").rpartition("/")[2]
         if not re.fullmatch(r"[\w-]+", upload_id):
-            raise _stranger(response)
+            raise stranger(response)
         return str(upload_id)
 
     def upload_offset(self, upload_id: str) -> int | None:
@@ -139,7 +122,7 @@ class Client:
                 return None
             raise
         except (KeyError, ValueError) as error:
-            raise _stranger(response) from error
+            raise stranger(response) from error
 
     def append_to_upload(self, upload_id: str, file: BinaryIO, offset: int, size: int) -> None:
         """Send a file from a byte to its end, size; what has come stays where this breaks off."""
@@ -155,7 +138,7 @@ class Client:
         arguments = {"headers": headers, "content": pieces, "follow_redirects": False}
         with self._request("PATCH", f"/uploads/{upload_id}", **arguments) as response:
             if response.status_code != 204:
-                raise _stranger(response)
+                raise stranger(response)
 
     def submit_uploads(
         self, uploads: Mapping[str, str], options: Mapping[str, Any], idempotency_key: str
@@ -175,7 +158,7 @@ class Client:
                     return job
             except (ValueError, KeyError, TypeError):
                 pass
-            raise _stranger(response)
+            raise stranger(response)
 
     def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
         """Wait until a job has succeeded, telling how far it is; the job as it is then.
@@ -190,7 +173,7 @@ class Client:
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
         if job["error"]:
-            raise _failure(job["error"])
+            raise failure_of_job(job["error"])
         if job["state"] == "expired":
             raise RefusedError("The job is expired: its results are being removed; send it again.")
         return job
@@ -216,15 +199,15 @@ class Client:
 
     def _job(self, method: str, path: str, **arguments: Any) -> Job:
         with self._request(method, path, **arguments) as response:
-            job = _object(response)
+            job = json_object(response)
             links = job.get("links")
             if not (job.keys() >= _LOOKED_AT and isinstance(links, dict) and "self" in links):
-                raise _stranger(response)
+                raise stranger(response)
             return job
 
     def _json(self, method: str, path: str) -> dict[str, Any]:
         with self._request(method, path) as response:
-            return _object(response)
+            return json_object(response)
 
     @contextlib.contextmanager
     def _request(self, method: str, path: str, **arguments: Any) -> Iterator[httpx.Response]:
@@ -233,7 +216,7 @@ class Client:
                 if response.request.method != method:  # as 301 makes a GET of a POST
                     raise self._moved(response, path)
                 if response.is_error:
-                    raise _refusal(response)
+                    raise failure_of(response)
                 yield response
         except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
             if "CERTIFICATE_VERIFY_FAILED" in str(error):
@@ -242,11 +225,10 @@ class Client:
                     "trusts for it: check the address and this computer's clock, or have it "
                     "trusted (SSL_CERT_FILE)."
                 ) from error
-            away = ServiceAwayError(
-                f"The service at {self._place} does not answer: start it, or check its address."
-            )
-            away.passes = True
-            raise away from error
+            raise ServiceAwayError(
+                f"The service at {self._place} does not answer: start it, or check its address.",
+                passes=True,
+            ) from error
 
     def _moved(self, response: httpx.Response, path: str) -> ServiceAwayError:
         there = str(response.url.copy_with(userinfo=b"", query=None)).removesuffix(path)
@@ -277,72 +259,3 @@ def _patiently(ask: Callable[[], Result]) -> Result:
                 raise
         time.sleep(wait)
         pause = min(2 * pause, _LONGEST_PAUSE_SECONDS)
-
-
-def _object(response: httpx.Response) -> dict[str, Any]:
-    response.read()
-    try:
-        found = response.json()
-    except ValueError as error:
-        raise _stranger(response) from error
-    if not isinstance(found, dict):
-        raise _stranger(response)
-    return found
-
-
-def _problem(response: httpx.Response) -> dict[str, Any]:
-    if response.request.method == "HEAD" and "trace-id" in response.headers:
-        return _told_by_status(response.status_code)
-    try:
-        problem = _object(response)
-    except ServiceAwayError:
-        problem = {}
-    if isinstance(problem.get("status"), int) and "detail" in problem:
-        return problem
-    # A proxy answers for a service that starts anew.
-    passes = response.status_code >= 500
-    return {"status": 500, "detail": str(_stranger(response)), "retryable": passes}
-
-
-def _told_by_status(status: int) -> dict[str, Any]:
-    """The problem of an answer to HEAD of a lightlayers service: such answers have no body."""
-    if status == 401:
-        detail = "The service needs a key that is good: this one is missing, mistyped or revoked."
-    elif status == 403:
-        detail = "This key may not send photographs; use one that has the scope submit."
-    elif status >= 500:
-        detail = f"The service cannot answer now (status {status}); try again later."
-    else:
-        detail = f"The service does not tell how far the upload is (status {status})."
-    return {"status": status, "detail": detail, "retryable": status == 503}
-
-
-def _stranger(response: httpx.Response) -> ServiceAwayError:
-    if response.status_code == 413:
-        return ServiceAwayError(
-            "A proxy before the service takes no request as large as this one (status 413): raise "
-            "its limit, like client_max_body_size of nginx, to LIGHTLAYERS_UPLOAD_BYTES."
-        )
-    return ServiceAwayError(
-        f"What answers is no lightlayers service (status {response.status_code})."
-    )
-
-
-def _refusal(response: httpx.Response) -> Exception:
-    failure = _failure(_problem(response), response.status_code)
-    if isinstance(failure, ServiceAwayError):
-        failure.retry_seconds = retry_after(response.headers.get("retry-after", ""))
-    return failure
-
-
-def _failure(problem: dict[str, Any], status: int | None = None) -> Exception:
-    passes = problem.get("retryable") is True
-    if passes or problem["status"] >= 500:
-        away = ServiceAwayError(problem["detail"])
-        away.status, away.passes = status, passes
-        return away
-    refused = RefusedError(problem["detail"])
-    ours = str(problem.get("type")).startswith("urn:lightlayers:problem:")
-    refused.status = status
-    refused.final = ours and status in _ABOUT_WHAT_WAS_SENT
-    return refused

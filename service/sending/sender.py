@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 from pipeline.errors import counted, reason_of
 from service.frames import FRAMES
-from service.sending.client import Client, Job, RefusedError, ServiceAwayError
+from service.sending.client import Client, Job
+from service.sending.failures import RefusedError, ServiceAwayError
 from service.sending.spool import DamagedPairError, Spool, SpooledPair
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0)

@@ -18,7 +18,8 @@ import pytest
 
 import drivers
 from pipeline.progress import STAGES
-from service.sending.client import Client, ServiceAwayError
+from service.sending.client import Client
+from service.sending.failures import ServiceAwayError
 from tests.ports import free_port
 
 Job = dict[str, Any]

@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 
 from service import demo
-from service.sending.client import ServiceAwayError
+from service.sending.failures import ServiceAwayError
 
 
 def test_snr_is_the_ratio_of_energies_without_rescaling() -> None:

@@ -15,7 +15,8 @@ from pipeline import process
 from pipeline.errors import UnusablePairError
 from service.api.context import Context
 from service.cli import run
-from service.sending.client import Client, ServiceAwayError
+from service.sending.client import Client
+from service.sending.failures import ServiceAwayError
 from service.workers.shortage import TOLD
 from tests.unit.service.asking import rows_of
 from tests.unit.service.at_first import raising

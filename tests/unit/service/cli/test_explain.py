@@ -10,7 +10,7 @@ from pipeline.errors import OptionError
 from service.cli.explain import explain
 from service.errors import UnknownJobError
 from service.problems import DATABASE_AWAY
-from service.sending.client import RefusedError, ServiceAwayError
+from service.sending.failures import RefusedError, ServiceAwayError
 from service.workers.shortage import TOLD
 
 _FULL = "A disk is full that this writes to, that of what is printed perhaps: make room on it."

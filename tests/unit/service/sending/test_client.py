@@ -16,7 +16,8 @@ import sqlalchemy as sa
 from pipeline.options import Options
 from service.api.context import Context
 from service.rows import attempts, database
-from service.sending.client import Client, Job, RefusedError, ServiceAwayError
+from service.sending.client import Client, Job
+from service.sending.failures import RefusedError, ServiceAwayError
 from tests.unit.service.asking import bearing, rows_of
 
 Png = Callable[..., bytes]

@@ -12,7 +12,8 @@ import httpx
 import pytest
 
 from pipeline.errors import OptionError
-from service.sending.client import Client, ServiceAwayError
+from service.sending.client import Client
+from service.sending.failures import ServiceAwayError
 from tests.certificates import self_signed
 from tests.ports import free_port
 

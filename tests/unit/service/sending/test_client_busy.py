@@ -12,7 +12,8 @@ import pytest
 from pipeline.options import Options
 from service.api.problems import RETRY_SECONDS
 from service.cli import run
-from service.sending.client import Client, Job, ServiceAwayError
+from service.sending.client import Client, Job
+from service.sending.failures import ServiceAwayError
 from service.settings import Settings
 
 Png = Callable[..., bytes]

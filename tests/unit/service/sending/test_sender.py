@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 
 from service.sending import sender as module
-from service.sending.client import Client, Job, RefusedError, ServiceAwayError
+from service.sending.client import Client, Job
+from service.sending.failures import RefusedError, ServiceAwayError
 from service.sending.sender import Sender
 from service.sending.spool import Spool
 from tests.chaos.relay import Relay
@@ -337,9 +338,7 @@ def test_other_bytes_than_were_sent_are_no_receipt(
 
 
 def refusal(status: int | None, final: bool = False) -> RefusedError:
-    error = RefusedError(f"No, {status}.")
-    error.status, error.final = status, final
-    return error
+    return RefusedError(f"No, {status}.", status, final)
 
 
 @pytest.mark.parametrize(
