@@ -58,18 +58,16 @@ def accept_pair(submission: Submission, wanted: Intake) -> Accepted:
     options = complete(context, caller, wanted.options, wanted.calibrations)
     check_spectra(options)
     job_id = uuid.uuid4().hex
-    sha256: dict[str, str] = {}
-    if wanted.sha256 or wanted.uploads:
-        try:
-            sha256 = _store_pair(submission, job_id, wanted)
-        except OptionError:  # another request with this key may have taken the uploads just now
-            if earlier := replay(submission, request_hash):
-                return earlier
-            raise
+    try:
+        sha256 = _store_pair(submission, job_id, wanted)
+    except OptionError:  # another request with this key may have taken the uploads just now
+        if earlier := replay(submission, request_hash):
+            return earlier
+        raise
     values = {
         "id": job_id,
-        "inputs": describe_inputs(job_id, sha256) if sha256 else None,
-        "stored_bytes": sum((wanted.directory / frame).stat().st_size for frame in sha256),
+        "inputs": describe_inputs(job_id, sha256),
+        "stored_bytes": sum((wanted.directory / frame).stat().st_size for frame in FRAMES),
         "request_hash": request_hash,
     }
     return commit(submission, values, options, wanted.handling, wanted.uploads)

@@ -10,8 +10,10 @@ from pydantic import BaseModel
 
 from service.api.accepted_job import Accepted
 from service.api.intake import Intake
+from service.api.models import Handling
 from service.api.submission import Submission
 from service.errors import IdempotencyError
+from service.mixing import MixOptions
 from service.rows import jobs
 
 
@@ -38,7 +40,7 @@ def find_earlier(submission: Submission) -> jobs.Job | None:
 
 
 def hash_of(wanted: Intake) -> str:
-    """Digest a request for one job."""
+    """Digest a request for one job of a pair."""
     return digest(
         {
             # As they were sent: calibrations that they name may have been deleted since.
@@ -50,6 +52,13 @@ def hash_of(wanted: Intake) -> str:
             "uploads": wanted.uploads,
         }
     )
+
+
+def hash_of_mix(options: MixOptions, handling: Handling) -> str:
+    """Digest a request for a mix."""
+    # With the places of a pair, as releases before had them: a row keeps the digest of its request.
+    pair: dict[str, Any] = {"capture": None, "sha256": {}, "uploads": {}}
+    return digest({"options": as_asked(options), "handling": as_asked(handling), **pair})
 
 
 def digest(same: dict[str, Any]) -> str:

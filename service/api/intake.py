@@ -26,7 +26,6 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.errors import OptionError
-from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
 from service.api.form import Form, read_form
 from service.api.models import (
@@ -44,7 +43,6 @@ from service.calibration_names import take_out
 from service.capture import Capture, CaptureSettings
 from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
 from service.frames import FRAMES
-from service.mixing import MixOptions
 from service.sentences import in_words
 from service.settings import Settings
 from service.workers import scratch
@@ -63,11 +61,11 @@ class Intake:
 
     directory: where the photographs lie by frame, or are brought to, as long as the request is
     dealt with. sha256: of those that lie there already, by frame. uploads: ids of earlier uploads,
-    by frame. A mix has none of these, but the other job in its options. calibrations: what the
-    options name, as sent, by option; the options themselves have stand-ins there.
+    by frame. calibrations: what the options name, as sent, by option; the options themselves have
+    stand-ins there.
     """
 
-    options: AnyOptions | MixOptions
+    options: AnyOptions
     handling: Handling
     directory: Path
     sha256: dict[str, str] = field(default_factory=dict)
@@ -119,14 +117,11 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
         return RerunRequest.model_validate_json(_kept(body), strict=True)
 
 
-async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
-    """Read a request to mix the layers of a job; raises what `read` raises."""
+async def read_mix(request: Request, limit: int) -> MixJob:
+    """Read a request to mix the layers of a job. Raises what `read_rerun` raises."""
     body = await _json_body(request, limit, "the settings of the lamps")
     with in_words():
-        wanted = MixJob.model_validate_json(_kept(body), strict=True)
-    mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
-    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
-    return Intake(options, handling_of(wanted), Path())
+        return MixJob.model_validate_json(_kept(body), strict=True)
 
 
 async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, dict[str, Any]]:

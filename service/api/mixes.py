@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import uuid
+
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from pipeline.errors import InputError
+from pipeline.mixes.mix_options import MixRequest
+from service.allowed import check_webhook
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept_pair import accept_pair
 from service.api.accepted_job import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
+from service.api.commit_job import commit
 from service.api.find_results import find_succeeded
-from service.api.idempotency import hash_of, replay
+from service.api.idempotency import hash_of_mix, replay
 from service.api.job_answers import answer_made
-from service.api.models import MixJob
+from service.api.models import Handling, MixJob
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting
 from service.errors import GoneError, NotReadyError, UnknownJobError
@@ -46,17 +50,23 @@ async def create_mix(
     """Mix the layers of a job into a picture of full size; a job of its own."""
     await run_in_threadpool(refuse_when_full, submission)
     context = submission.context
-    wanted = await intake.read_mix(request, context.settings.upload_bytes, job_id)
-    made = await context.store(_accept, submission, wanted)
+    wanted = await intake.read_mix(request, context.settings.upload_bytes)
+    made = await context.store(_accept, submission, job_id, wanted)
     return await answer_made(submission, made, wait, response)
 
 
-def _accept(submission: Submission, wanted: intake.Intake) -> Accepted:
-    assert isinstance(wanted.options, MixOptions)
+def _accept(submission: Submission, job_id: str, wanted: MixJob) -> Accepted:
+    """Commit row and queue entry together."""
+    context, handling = submission.context, intake.handling_of(wanted)
+    mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
+    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
+    request_hash = hash_of_mix(options, handling)
     # Before the job is looked at, which may have been deleted since the first answer got lost.
-    if earlier := replay(submission, hash_of(wanted)):
+    if earlier := replay(submission, request_hash):
         return earlier
-    context, options = submission.context, wanted.options
-    source = find_succeeded(context, submission.caller, options.of)
+    check_webhook(context.settings, handling.webhook_url)
+    source = find_succeeded(context, submission.caller, job_id)
     check_mix(context.storage, source, options.mix)
-    return accept_pair(submission, wanted)
+    refuse_when_full(submission)  # others may have come while the store was read
+    values = {"id": uuid.uuid4().hex, "request_hash": request_hash}
+    return commit(submission, values, options, handling, taken={})

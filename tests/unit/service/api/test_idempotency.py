@@ -16,10 +16,11 @@ from drivers import SettingName, SettingValue
 from pipeline.options import Options
 from service.api import accept_pair
 from service.api.context import Context
-from service.api.idempotency import hash_of
+from service.api.idempotency import hash_of, hash_of_mix
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.capture import Capture
+from service.mixing import MixOptions
 from service.rows import cameras, jobs
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of, stored_job
 
@@ -150,6 +151,16 @@ def test_what_a_later_release_adds_leaves_an_earlier_request_the_same() -> None:
         {"capture": _LaterCapture(camera=camera, tuned=True)},
     ):
         assert hash_of(replace(later, **change)) != hash_of(wanted)
+
+
+def test_a_mix_that_an_earlier_release_made_is_given_again() -> None:
+    """By the digest that its row has, which was that of a job without a pair."""
+    mix = {"lamps": [{"ev": 1}, {"neutral": True}], "format": "tiff"}
+    options = MixOptions.model_validate({"kind": "mix", "of": "a", "mix": mix})
+    assert hash_of_mix(options, Handling(priority="high")) == (
+        "782882c10d27e248342e20fa5e998e806a69fb9cdbfc4e2e8ecda13ab1bb6e55"
+    )
+    assert hash_of_mix(options, Handling()) != hash_of_mix(options, Handling(priority="high"))
 
 
 def test_a_default_that_is_named_is_asked_for() -> None:
