@@ -353,7 +353,10 @@ def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
 def _libusb() -> Any:
     backend = libusb_package.get_libusb1_backend()
     if backend is None:
-        raise CameraNotFoundError("This computer has no USB that lightlayers could use.")
+        raise CameraNotFoundError(
+            "This computer has no USB that lightlayers could use: plug the camera into another "
+            "one, or use it over a network (ptp+ip://)."
+        )
     return backend
 
 

@@ -126,7 +126,9 @@ class _Parser:
     def _open_part(self) -> None:
         name = parse_options_header(self._disposition)[1].get(b"name")
         if name is None:
-            raise MalformedRequestError("A part of the multipart body has no name.")
+            raise MalformedRequestError(
+                "A part of the multipart body has no name: name it in its Content-Disposition."
+            )
         self._name = name.decode("utf-8", "replace")
         if self._name not in (*self._files, *self._texts):
             *most, last = *self._files, *self._texts
@@ -150,7 +152,8 @@ class _Parser:
         self._text += data[start:end]
         if len(self._text) > _TEXT_BYTES:
             raise MalformedRequestError(
-                f"The part {self._name} is larger than {_TEXT_BYTES:,} bytes."
+                f"The part {self._name} is larger than {_TEXT_BYTES:,} bytes: name calibrations in "
+                "place of tables, and send photographs in the parts of their own."
             )
 
     def _end_part(self) -> None:
@@ -162,7 +165,9 @@ class _Parser:
         try:
             self._form.texts[self._name] = self._text.decode()
         except UnicodeDecodeError as error:
-            raise MalformedRequestError(f"The part {self._name} is no UTF-8 text.") from error
+            raise MalformedRequestError(
+                f"The part {self._name} is no UTF-8 text: write its JSON so."
+            ) from error
 
     def _end(self) -> None:
         self._ended = True

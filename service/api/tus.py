@@ -160,7 +160,10 @@ async def create_upload(
     length = _number("Upload-Length", upload_length)
     limit = context.settings.upload_bytes
     if length > limit:
-        raise UploadTooLargeError(f"The upload has {length:,} bytes; this service takes {limit:,}.")
+        raise UploadTooLargeError(
+            f"The upload has {length:,} bytes, and this service takes {limit:,}: send a smaller "
+            "photograph, or have its operator raise LIGHTLAYERS_UPLOAD_BYTES."
+        )
     metadata = _metadata(upload_metadata)
     checksum = _checksum(upload_checksum)
     upload = await run_in_threadpool(_create, context, caller, length, metadata)

@@ -64,7 +64,8 @@ def write_report(folder: Path, target: Path) -> Path:
         }
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"The manifest in {folder} is not that of a separation, or of another version."
+            f"The manifest in {folder} is not that of a separation, or of another version: "
+            "separate the pair again."
         ) from error
     try:
         durable.replace(target, page.substitute(values).encode())
@@ -107,7 +108,10 @@ def _manifest(folder: Path) -> dict[str, Any]:
     except ValueError:
         manifest = None
     if not isinstance(manifest, dict) or "lamps" not in manifest:
-        raise InputError(f"The manifest in {folder} is not that of a separation.")
+        raise InputError(
+            f"The manifest in {folder} is not that of a separation: name a folder that "
+            "`lightlayers separate` or `lightlayers submit` wrote."
+        )
     return manifest
 
 
@@ -152,7 +156,7 @@ def _small(path: Path) -> bytes:
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
     picture = cv2.imdecode(read, flags) if read.size else None
     if picture is None:
-        raise InputError(f"The picture {path} is damaged.")
+        raise InputError(f"The picture {path} is damaged: separate the pair again.")
     if picture.dtype == np.uint16:
         picture = cv2.convertScaleAbs(picture, alpha=1 / 257)
     scale = _MOST_SIDE / max(picture.shape)

@@ -171,7 +171,9 @@ class Client:
             time.sleep(_POLL_SECONDS)
             job = _patiently(partial(self._job, "GET", job["links"]["self"]))
         if job["state"] == "canceled":
-            raise RefusedError("The job was canceled.")
+            raise RefusedError(
+                "The job was canceled, from elsewhere: send the pair again if it is still wanted."
+            )
         if job["error"]:
             raise failure_of_job(job["error"])
         if job["state"] == "expired":

@@ -84,7 +84,8 @@ def stranger(response: httpx.Response) -> ServiceAwayError:
             "its limit, like client_max_body_size of nginx, to LIGHTLAYERS_UPLOAD_BYTES."
         )
     return ServiceAwayError(
-        f"What answers is no lightlayers service (status {response.status_code})."
+        f"What answers is no lightlayers service (status {response.status_code}): check the "
+        "address of the service."
     )
 
 

@@ -437,5 +437,8 @@ def test_without_usb_there_is_no_camera_and_it_is_said(monkeypatch: pytest.Monke
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
     with pytest.raises(CameraNotFoundError) as refusal:
         driver.open_camera("ptp+usb://")
-    assert str(refusal.value) == "This computer has no USB that lightlayers could use."
+    assert str(refusal.value) == (
+        "This computer has no USB that lightlayers could use: plug the camera into another one, or "
+        "use it over a network (ptp+ip://)."
+    )
     assert driver.list_cameras() == []

@@ -78,7 +78,10 @@ def test_an_empty_file_is_a_file(tmp_path: Path) -> None:
         (_part(b"a" * 3000, b"x") + END, f"'{'a' * 32}' is unknown"),
         (_part(b"", b"x") + END, "'' is unknown"),
         (_part(b"options", b"x" * 1_100_000) + END, "options is larger than 1,048,576 bytes"),
-        (_part(b"options", b"\xff\xfe{") + END, "The part options is no UTF-8 text."),
+        (
+            _part(b"options", b"\xff\xfe{") + END,
+            "The part options is no UTF-8 text: write its JSON so.",
+        ),
     ],
 )
 def test_what_is_no_such_form_is_refused(body: bytes, words: str, tmp_path: Path) -> None:

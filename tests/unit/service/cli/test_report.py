@@ -247,7 +247,7 @@ def test_a_damaged_picture_is_told(
 ) -> None:
     (results / "lamp1.jpg").write_bytes(data)
     assert run(["report", str(results)]) == 2
-    assert "lamp1.jpg is damaged." in capsys.readouterr().err
+    assert "lamp1.jpg is damaged: separate the pair again.\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"lamps": 3}', '{"lamps": []}', "\xff"])
