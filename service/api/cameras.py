@@ -130,7 +130,7 @@ async def change_settings(
     Program, focus and drive come first, then the others in the order of the answer. Where one is
     refused, those before it stay written.
     """
-    wanted = await intake.read_settings(request, context.settings.upload_bytes)
+    wanted = await intake.read_settings(request)
     return await _adjust(context, caller, camera_id, wanted, trace_id)
 
 
@@ -158,7 +158,7 @@ async def capture(
     await run_in_threadpool(refuse_when_full, submission)
     context = submission.context
     address = await run_in_threadpool(_address, context, camera_id)
-    wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
+    wanted, named = await intake.read_captures(request)
     made = await make_captures(submission, address, wanted, named)
     response.headers.update(made.headers)
     return await run_in_threadpool(_jobs, context, made.job_id)

@@ -47,7 +47,7 @@ from service.sentences import in_words
 from service.settings import Settings
 from service.workers import scratch
 
-_JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text
+_JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text; no setting is less
 _TEXTS = ("options", "handling")
 _NUL = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 """In JSON. PostgreSQL keeps it, and finds no other row any more once it has to read it."""
@@ -97,55 +97,54 @@ async def _read(
     named: Callable[[bytes, Path], Intake],
     sent: Callable[[Form, Path], Intake],
 ) -> AsyncIterator[Intake]:
-    limit = settings.upload_bytes
     async with contextmanager_in_threadpool(scratch.folder(settings.data_dir)) as directory:
         if _media_type(request) == "application/json":
-            body = await _limited(request, min(limit, _JSON_BYTES)).body()
+            body = await _limited_json(request).body()
             yield await run_in_threadpool(named, body, directory)
         else:
-            form = await _form(request, limit, directory)
+            form = await _form(request, settings.upload_bytes, directory)
             yield await run_in_threadpool(sent, form, directory)
 
 
-async def read_rerun(request: Request, limit: int) -> RerunRequest:
+async def read_rerun(request: Request) -> RerunRequest:
     """Read a request for a rerun; an empty body asks for the same again.
 
     Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
     """
-    body = await _json_body(request, limit, "what the rerun is to do", may_be_empty=True)
+    body = await _json_body(request, "what the rerun is to do", may_be_empty=True)
     with in_words():
         return RerunRequest.model_validate_json(_kept(body), strict=True)
 
 
-async def read_mix(request: Request, limit: int) -> MixJob:
+async def read_mix(request: Request) -> MixJob:
     """Read a request to mix the layers of a job. Raises what `read_rerun` raises."""
-    body = await _json_body(request, limit, "the settings of the lamps")
+    body = await _json_body(request, "the settings of the lamps")
     with in_words():
         return MixJob.model_validate_json(_kept(body), strict=True)
 
 
-async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, dict[str, Any]]:
+async def read_captures(request: Request) -> tuple[CameraCapture, dict[str, Any]]:
     """Read a request for pairs of one camera; an empty body asks for one as the camera is set.
 
     Also gives the calibrations that its options name, as an Intake has them. Raises what `read`
     raises.
     """
-    body = await _json_body(request, limit, "what the camera is to do", may_be_empty=True)
+    body = await _json_body(request, "what the camera is to do", may_be_empty=True)
     _, body, named = await run_in_threadpool(_json, body)
     with in_words():
         return CameraCapture.model_validate_json(_kept(body), strict=True), named
 
 
-async def read_settings(request: Request, limit: int) -> CaptureSettings:
+async def read_settings(request: Request) -> CaptureSettings:
     """Read which settings of a camera to write. Raises what `read_rerun` raises."""
-    body = await _json_body(request, limit, "the settings of the camera")
+    body = await _json_body(request, "the settings of the camera")
     with in_words():
         return SettingsRequest.model_validate_json(_kept(body), strict=True).root
 
 
-async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
+async def _json_body(request: Request, what: str, may_be_empty: bool = False) -> bytes:
     """Read a body of JSON. what: it says. may_be_empty: read an empty one as an empty object."""
-    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    body = await _limited_json(request).body()
     if may_be_empty and not body:
         return b"{}"
     if _media_type(request) != "application/json":
@@ -163,22 +162,27 @@ async def _form(request: Request, limit: int, directory: Path) -> Form:
             "Send a pair as multipart/form-data with the parts no_flash, flash, options and "
             "handling, or name uploads or a camera in application/json."
         )
-    form = await read_form(_limited(request, limit), directory, FRAMES, _TEXTS)
+    advice = "send smaller photographs, or have its operator raise LIGHTLAYERS_UPLOAD_BYTES"
+    form = await read_form(_limited(request, limit, advice), directory, FRAMES, _TEXTS)
     for frame in FRAMES:
         if frame not in form.sha256:
             raise MalformedRequestError(f"The file {frame} is missing; send no_flash and flash.")
     return form
 
 
-def _limited(request: Request, limit: int) -> Request:
+def _limited_json(request: Request) -> Request:
+    return _limited(request, _JSON_BYTES, "send less, like calibrations by name")
+
+
+def _limited(request: Request, limit: int, advice: str) -> Request:
     """Limit a request's body to so many bytes, and refuse one that is compressed.
 
-    Raises UnsupportedMediaError, UploadTooLargeError.
+    advice: what to do with a larger one. Raises UnsupportedMediaError, UploadTooLargeError.
     """
     if request.headers.get("content-encoding", "identity").strip().lower() != "identity":
         raise UnsupportedMediaError("Send the body as it is, without a Content-Encoding.")
     too_large = UploadTooLargeError(
-        f"The request is larger than {limit:,} bytes, which is all this service takes."
+        f"The request is larger than {limit:,} bytes, which is all this service takes: {advice}."
     )
     announced = request.headers.get("content-length", "")
     if announced.isdecimal() and int(announced) > limit:

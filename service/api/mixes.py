@@ -50,7 +50,7 @@ async def create_mix(
     """Mix the layers of a job into a picture of full size; a job of its own."""
     await run_in_threadpool(refuse_when_full, submission)
     context = submission.context
-    wanted = await intake.read_mix(request, context.settings.upload_bytes)
+    wanted = await intake.read_mix(request)
     made = await context.store(_accept, submission, job_id, wanted)
     return await answer_made(submission, made, wait, response)
 

@@ -49,7 +49,7 @@ async def rerun_job(
 ) -> JobAnswer:
     """Do a job again on copies of its photographs, with these options or the same ones."""
     context = submission.context
-    wanted = await intake.read_rerun(request, context.settings.upload_bytes)
+    wanted = await intake.read_rerun(request)
     made = await context.store(_accept, submission, job_id, wanted)
     return await answer_made(submission, made, wait, response)
 

@@ -240,6 +240,16 @@ def test_a_camera_that_cannot_be_is_refused_at_once(
     assert http.get("/jobs").json()["jobs"] == []
 
 
+def test_json_has_a_limit_that_no_setting_moves(http: httpx.Client) -> None:
+    body = {"capture": {"camera": "sim://studio"}, "options": {"camera": "x" * 2**20}}
+    assert problem_of(http.post("/jobs", json=body)) == (
+        413,
+        "upload-too-large",
+        "The request is larger than 1,048,576 bytes, which is all this service takes: send less, "
+        "like calibrations by name.",
+    )
+
+
 class TestSmallLimits:
     @pytest.fixture
     def settings(self, settings: Settings) -> Settings:
@@ -249,7 +259,7 @@ class TestSmallLimits:
         answer = post_pair(http, b"x" * 200_000, b"y")
         status, kind, detail = problem_of(answer)
         assert (status, kind) == (413, "upload-too-large")
-        assert "100,000 bytes" in detail
+        assert "100,000 bytes" in detail and "raise LIGHTLAYERS_UPLOAD_BYTES" in detail
         assert context.storage.list("") == []
 
     def test_a_large_upload_of_unknown_length_is_refused(self, http: httpx.Client) -> None:
