@@ -1,4 +1,4 @@
-"""One attempt at a job: photographs in, results out, and one write that makes them count."""
+"""One attempt at a job: photographs in, results out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
-from obstore.exceptions import BaseError
 
 from pipeline.result_names import MANIFEST
 from service import metrics, tracing
@@ -25,26 +24,23 @@ from service.errors import (
     StorageFullError,
 )
 from service.media import headers_of, media_type
-from service.object_keys import captured_key, job_key, results_key
+from service.object_keys import results_key
 from service.patience import note, passes
 from service.problems import problem_of
 from service.rows import attempts, eta, jobs, kept
 from service.rows.database import AWAY
-from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
 from service.workers import capturing, materials, sandbox, scratch
 from service.workers.deaths import DISK_IS_FULL
 from service.workers.forkserver import ForkServer
 from service.workers.means import Means
+from service.workers.outcome import Outcome, PassOn
 from service.workers.stages import Stages
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Kind, Limits, Task, results_of
 
 _REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
-
-PassOn = Callable[[sa.Connection], None]
-"""Queues the rest of a job in the transaction that puts it back."""
 
 log = logging.getLogger("service.workers.attempt")
 
@@ -66,8 +62,6 @@ class Attempt:
         self._storage = storage
         self._settings = settings
         self._fork_server = fork_server
-        kept_on = job.task == "calibrate" and job.options.get("setup")
-        self._keep_seconds = None if kept_on else settings.retention_seconds
         self._stopping = Stopping(job, engine, ending, settings.silence_seconds)
         self._reported: tuple[str, float] = ("", 0.0)
         self._track: eta.Track
@@ -76,13 +70,14 @@ class Attempt:
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
         self._means = Means(job, engine, storage, settings, self._stopping, self._log)
+        self.outcome = Outcome(self._means)
 
     def run(self, pass_on: PassOn | None = None) -> bool:
         """Run the job. However it ends is written to its row, unless the worker itself ends.
 
         pass_on: queues a job whose options only a newer worker knows; without it such a job fails.
-        True where it was passed on. Whatever is raised has cut the attempt short, and give_up() is
-        still to be called.
+        True where it was passed on. Whatever is raised has cut the attempt short, and its
+        outcome is still to be given up.
         """
         return self._trace(self._work, pass_on)
 
@@ -109,18 +104,18 @@ class Attempt:
         except sandbox.TaskError as error:
             if pass_on and error.problem["type"] == problem_of(OlderWorkerError(""), "").type:
                 self._log.warning("put back for a newer worker")
-                counts = passed_on = self._put_back(pass_on)
+                counts = passed_on = self.outcome.put_back(pass_on)
             else:
-                counts = self.fail(error.problem)
+                counts = self.outcome.fail(error.problem)
         except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
             if isinstance(error, FileNotFoundError) and self._stopping.is_void():
                 counts = False  # its photographs were deleted with it
             else:
-                counts = self.fail(self._problem_of(error))
+                counts = self.outcome.fail(self._problem_of(error))
         if not counts:
-            self.give_up()
+            self.outcome.give_up()
         return passed_on
 
     def _problem_of(self, error: Exception) -> dict[str, Any]:
@@ -139,17 +134,7 @@ class Attempt:
                     directory = self._folder(stack)
                     run = partial(self._run_task, "capture", directory)
                     capturing.take_pair(self._means, directory, run)
-        return self._put_back(pass_on)
-
-    def _put_back(self, pass_on: PassOn) -> bool:
-        def write() -> bool:
-            with self._engine.begin() as connection:
-                counts = attempts.release(connection, self._job)
-                if counts:
-                    pass_on(connection)
-                return counts
-
-        return self._means.patiently(write)
+        return self.outcome.put_back(pass_on)
 
     def _begin(self) -> None:
         self._stopping.check()
@@ -179,20 +164,7 @@ class Attempt:
             self._stages.enter("store")
             results = [self._store(path) for path in results_of(directory)]
         self._stages.end()
-        counts = self._end(partial(attempts.succeed, stage_seconds=self._stages.seconds), results)
-        if counts:
-            self._log.info("succeeded")
-            tracing.note("outcome", "succeeded")
-        return counts
-
-    def _clear_lost(self) -> None:
-        """Delete what earlier attempts have left, which no quota counts: else it stays for ever."""
-        # What is left of them here goes with the job.
-        with contextlib.suppress(BaseError):
-            for lost in range(1, self._job.attempt):
-                self._storage.delete_below(results_key(self._job.id, lost))
-                if self._job.capture and not self._job.has_pair_of(lost):
-                    self._storage.delete_below(captured_key(self._job.id, lost))
+        return self.outcome.succeed(results, self._stages.seconds)
 
     def _note_camera(self, directory: Path) -> None:
         manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
@@ -253,66 +225,6 @@ class Attempt:
                 self._track.progress,
                 self._track.seconds_left,
             )
-
-    def fail(self, problem: dict[str, Any]) -> bool:
-        """End the job with a problem; whether this counts."""
-        counts = self._end(attempts.fail, problem)
-        if counts:
-            self._log.info("failed: %s", problem["type"])
-            tracing.note("outcome", problem["type"])
-            with contextlib.suppress(BaseError):  # what is left of them here goes with the job
-                self._storage.delete_below(results_key(self._job.id, self._job.attempt))
-        return counts
-
-    def _end(self, end: Callable[..., bool], outcome: Any) -> bool:
-        """Write the job's end, once the database is there; whether it counts."""
-
-        def write() -> bool:
-            with self._engine.begin() as connection:
-                counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
-                return counts or self._counted(connection)
-
-        counts = self._means.patiently(write)
-        if counts:
-            self._clear_lost()
-        return counts
-
-    def _counted(self, connection: sa.Connection) -> bool:
-        """Whether this attempt has ended the job already: the answer to that may have been lost."""
-        row = jobs.find(connection, self._job.id)
-        return (
-            row is not None
-            and row.attempt == self._job.attempt
-            and row.state in (State.SUCCEEDED, State.FAILED)
-        )
-
-    def give_up(self, lost: bool = False) -> None:
-        """End an attempt that was canceled, taken over, deleted, or put back by a worker's end.
-
-        One that has ended the job stays as it is. lost: whether it counts as one that the job lost.
-        Files of it that are not ours to delete stay: a worker tries again whatever is raised.
-        """
-        with self._engine.begin() as connection:
-            canceled = attempts.acknowledge_cancel(connection, self._job, self._keep_seconds)
-            if lost:  # either puts back what has not ended
-                attempts.lose(connection, self._job)
-            else:
-                attempts.release(connection, self._job)
-            row = jobs.find(connection, self._job.id)
-        if canceled:
-            self._log.info("canceled")
-            tracing.note("outcome", "canceled")
-        if row is None:
-            self._clear(job_key(self._job.id))
-        elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
-            self._clear(results_key(self._job.id, self._job.attempt))
-            if self._job.capture and not row.has_pair_of(self._job.attempt):
-                self._clear(captured_key(self._job.id, self._job.attempt))
-            self._clear_lost()
-
-    def _clear(self, prefix: str) -> None:
-        if not self._storage.try_delete_below(prefix):
-            self._log.warning("files of an attempt that does not count cannot be deleted")
 
 
 def _has_not_begun(error: Exception) -> bool:

@@ -172,7 +172,7 @@ class Worker:
             try:
                 with self._working():
                     if attempt:
-                        attempt.give_up(lost)
+                        attempt.outcome.give_up(lost)
                         attempt = None
                     with self._engine.begin() as connection:
                         held = claim(connection, job_id, self.id)
@@ -231,11 +231,11 @@ class Worker:
         if ends and job.captures:  # the attempt before this one died, perhaps between photographs
             capturing.leave_flash_off(job, self._settings)
         if job.state == State.CANCELING:
-            attempt.give_up()
+            attempt.outcome.give_up()
         elif job.lost >= attempts.LOST_ATTEMPTS:
             log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
             problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
-            attempt.fail(problem)
+            attempt.outcome.fail(problem)
         else:
             return self._work(job, attempt, again)
         return False

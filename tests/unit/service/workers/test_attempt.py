@@ -197,7 +197,7 @@ def test_calibrations_for_a_setup_alone_are_kept_for_ever(
         held = attempts.claim(connection, "a", "w")
     settings = context.settings.model_copy(update={"retention_days": 2.0})
     attempt = attempt_at(held, context, settings)
-    assert attempt.fail({"type": "urn:lightlayers:problem:internal"})
+    assert attempt.outcome.fail({"type": "urn:lightlayers:problem:internal"})
     ended = stored(context.engine, "a")
     assert ended.finished is not None
     kept_until = ended.expires and round(ended.expires - ended.finished)

@@ -80,7 +80,7 @@ def test_files_that_cannot_be_deleted_hold_no_worker_up(
         raise PermissionDeniedError("no right to delete")
 
     monkeypatch.setattr(Storage, "delete_below", refuse)
-    attempt.give_up()
+    attempt.outcome.give_up()
     assert "files of an attempt that does not count cannot be deleted" in caplog.text
     if end == "canceled":
         assert stored(context.engine, job_id).state == State.CANCELED
@@ -96,8 +96,8 @@ def test_an_attempt_leaves_nothing_beside_the_one_that_took_it_over_and_succeede
         assert other is not None and attempts.succeed(connection, other, [])
     context.storage.put(results_key(job_id, 1, "a.png"), b"half")
     context.storage.put(results_key(job_id, 2, "a.png"), b"whole")
-    assert not frozen.fail({"detail": "too late"})
-    frozen.give_up()
+    assert not frozen.outcome.fail({"detail": "too late"})
+    frozen.outcome.give_up()
     left = [context.storage.list(results_key(job_id, attempt)) for attempt in (1, 2)]
     assert left == [[], [results_key(job_id, 2, "a.png")]]
     assert stored(context.engine, job_id).state == State.SUCCEEDED
@@ -114,8 +114,8 @@ def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
         patch.setattr(Storage, "delete_below", away)
         patch.setattr(Storage, "check", away)
         with pytest.raises(GenericError):
-            attempt.give_up()
-    attempt.give_up()
+            attempt.outcome.give_up()
+    attempt.outcome.give_up()
     assert context.storage.list(results_key(job_id, 1)) == []
 
 

@@ -19,6 +19,7 @@ from service.object_keys import results_key
 from service.rows import attempts, cameras, database, jobs
 from service.rows.states import State
 from service.workers.attempt import Attempt
+from service.workers.outcome import Outcome
 from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first
 from tests.unit.service.job_rows import added_pair
@@ -114,7 +115,7 @@ def test_attempts_that_are_cut_short_are_bounded(
     added_pair(one._engine)
     for lost in (1, 2, 3):  # whose worker had no time to remove them
         one._storage.put(results_key("a", lost, "a.png"), b"half")
-    monkeypatch.setattr(Attempt, "_clear", lambda *_arguments: None)
+    monkeypatch.setattr(Outcome, "_clear", lambda *_arguments: None)
     one.run("a")
     assert one._storage.list("jobs/") == []
     assert begun == [1, 2, 3]
@@ -132,7 +133,7 @@ def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_s
     """As where what kills them fills the memory or the disk of both."""
     begun: list[int] = []
     away: list[sa.exc.OperationalError] = []
-    give_up = Attempt.give_up
+    give_up = Outcome.give_up
 
     def work(attempt: Attempt, *_pass_on: object) -> None:
         begun.append(attempt._job.attempt)
@@ -142,13 +143,13 @@ def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_s
         away.append(sa.exc.OperationalError("", None, sqlite3.OperationalError("away")))
         raise CUT_SHORT["its process died"]
 
-    def give_up_later(attempt: Attempt, lost: bool = False) -> None:
+    def give_up_later(outcome: Outcome, lost: bool = False) -> None:
         if away:
             raise away.pop()
-        give_up(attempt, lost)
+        give_up(outcome, lost)
 
     monkeypatch.setattr(Attempt, "run", work)
-    monkeypatch.setattr(Attempt, "give_up", give_up_later)
+    monkeypatch.setattr(Outcome, "give_up", give_up_later)
     added_pair(one._engine)
     one.run("a")
     assert begun == [1, 2, 3]
@@ -189,7 +190,7 @@ def test_an_attempt_is_given_up_when_the_database_is_back(
 ) -> None:
     away = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(Attempt, "run", at_first(away, _ends))
-    monkeypatch.setattr(Attempt, "give_up", at_first(away, Attempt.give_up))
+    monkeypatch.setattr(Outcome, "give_up", at_first(away, Outcome.give_up))
     added_pair(one._engine)
     one.run("a")
     assert _find(one).state == State.SUCCEEDED
