@@ -39,15 +39,16 @@ class Taking:
         self._spool, self._told = spool, told
 
     def presses(self, count: int | None, interval_s: float | None) -> Iterator[int]:
-        """Give 1, 2 …: when a pair is to be taken; the camera is there then."""
-        if interval_s is not None:
-            for number in paced(count, interval_s):
-                self._camera.connected(wait_s=math.inf)
-                failed = self.failed
-                yield number
-                if self.failed > failed and number != count:
-                    time.sleep(_PAUSE_S)
-            return
+        """Give 1, 2 … count, or no end, when a pair is to be taken; the camera is there then.
+
+        interval_s: seconds from the beginning of a pair to that of the next; None: at each press of
+        Enter, until stdin ends.
+        """
+        if interval_s is None:
+            return self._at_enter(count)
+        return self._at_intervals(count, interval_s)
+
+    def _at_enter(self, count: int | None) -> Iterator[int]:
         number = 0
         while count is None or number < count:
             try:
@@ -59,6 +60,14 @@ class Taking:
                 return
             number += 1
             yield number
+
+    def _at_intervals(self, count: int | None, interval_s: float) -> Iterator[int]:
+        for number in paced(count, interval_s):
+            self._camera.connected(wait_s=math.inf)
+            failed = self.failed
+            yield number
+            if self.failed > failed and number != count:
+                time.sleep(_PAUSE_S)
 
     def take(self) -> None:
         """Take a pair; where that fails, say so, and the next press takes another."""
