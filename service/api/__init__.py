@@ -26,6 +26,7 @@ from service.api import (
     reruns,
     results,
     tus,
+    uploads,
 )
 from service.api.hosts import check_host
 from service.api.limits import Limits
@@ -76,7 +77,7 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     app.include_router(documents.router)
     app.include_router(page.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
-    for module in (jobs, reruns, events, calibrations, mixes, tus, results, areas, cameras):
+    for module in (jobs, reruns, events, calibrations, mixes, uploads, results, areas, cameras):
         app.include_router(
             module.router,
             dependencies=[Depends(check_query)],
