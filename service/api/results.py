@@ -131,21 +131,35 @@ async def get_result(
     }
     if if_none_match and (if_none_match.strip() == "*" or etag in if_none_match):
         return Response(status_code=304, headers=headers)
-    size = result["size"]
     if request.method == "HEAD":  # to which Range means nothing
-        headers["Content-Length"] = str(size)
+        headers["Content-Length"] = str(result["size"])
         return Response(headers=headers, media_type=result["media_type"])
     key = results_key(job_id, job.attempt, name)
-    if context.settings.store_presign and "no-redirect" not in preferences(prefer or []):
-        link = await context.fetch(context.storage.link, key, LINK_SECONDS)
-        if link:
-            return RedirectResponse(link, headers={"Cache-Control": "no-store"})
-    wanted = range if if_range in (None, etag) else None
-    part = parse_range(wanted, size)
-    start, end = part or (0, size)
+    if link := await _link(context, key, prefer or []):
+        return RedirectResponse(link, headers={"Cache-Control": "no-store"})
+    part = parse_range(range if if_range in (None, etag) else None, result["size"])
+    return await _bytes(context, key, result, part, headers)
+
+
+async def _link(context: Context, key: str, prefer: list[str]) -> str | None:
+    """Give a URL of the store for a file, where it gives one and the caller wants it."""
+    if not context.settings.store_presign or "no-redirect" in preferences(prefer):
+        return None
+    return await context.fetch(context.storage.link, key, LINK_SECONDS)
+
+
+async def _bytes(
+    context: Context,
+    key: str,
+    result: dict[str, Any],
+    part: tuple[int, int] | None,
+    headers: dict[str, str],
+) -> Response:
+    """Answer with the bytes of a file; part: first and one after the last, None for all of it."""
+    start, end = part or (0, result["size"])
     headers["Content-Length"] = str(end - start)
     if part:
-        headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
+        headers["Content-Range"] = f"bytes {start}-{end - 1}/{result['size']}"
     with deleted_meanwhile():
         chunks = await context.fetch(context.storage.stream, key, start, end)
     return StreamingResponse(
