@@ -21,17 +21,26 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 
 from service.errors import NoProcessError
+from service.workers import processes
 from service.workers.processes import NO_PROCESS, die_with_parent
 
 _FORKED = b"+"
+_FORK_SECONDS = 600.0  # what it imports first takes minutes where much else is done
+_DEAF_SECONDS = 60.0  # for what is done in a moment, unless it is frozen
 _SHORT = (errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
 """What the system says when it has no process, memory or descriptor left."""
 
 
 class Child:
-    """A forked process: `stdin` and `stdout` are the descriptors of our ends of its pipes."""
+    """A forked process: `stdin` and `stdout` are the descriptors of our ends of its pipes.
 
-    def __init__(self, stdin: int, stdout: int, life: socket.socket) -> None:
+    server: the process that forks it, with which it dies.
+    """
+
+    def __init__(
+        self, stdin: int, stdout: int, life: socket.socket, server: subprocess.Popen[bytes]
+    ) -> None:
+        self._server = server
         self.stdin = os.fdopen(stdin, "wb")
         self.stdout = os.fdopen(stdout, "rb", buffering=0)
         self._life = life
@@ -48,6 +57,10 @@ class Child:
             raise ChildProcessError("the fork server has died, and its children with it")
         return int(said)
 
+    def _await_end(self) -> None:
+        while self._life.recv(16):
+            pass
+
     def has_ended(self) -> bool:
         """Whether it is dead, without waiting; wait() then gives its exit code at once."""
         with selectors.DefaultSelector() as selector:
@@ -55,12 +68,18 @@ class Child:
             return bool(selector.select(0))
 
     def close(self) -> None:
-        """Kill it and what it has started; it is gone when this returns."""
+        """Kill it and what it has started; it is gone when this returns.
+
+        A server that is frozen and kills nothing is killed itself, and all of its children with it.
+        """
         with self._life:
-            self._life.settimeout(None)
+            self._life.settimeout(_DEAF_SECONDS)
             self._life.shutdown(socket.SHUT_WR)
-            while self._life.recv(16):
-                pass
+            try:
+                self._await_end()
+            except TimeoutError:
+                self._server.kill()
+                self._await_end()
         self.stdout.close()
         with contextlib.suppress(BrokenPipeError):
             self.stdin.close()
@@ -79,7 +98,7 @@ class ForkServer:
     def start(self) -> None:
         """Have it import before the first task comes, if it can be; returns at once."""
         with self._lock, contextlib.suppress(NoProcessError):  # the first task tries again
-            self._control()
+            self._started()
 
     def fork(self) -> Child:
         """Fork a child, whose program goes on after serve(); one without a process ends at once.
@@ -89,7 +108,7 @@ class ForkServer:
         """
         with self._lock:
             for _ in range(2):  # it may have died since the last time
-                child = _ask(self._control())
+                child = _ask(*self._started())
                 if child is not None:
                     return child
                 self._end()
@@ -100,7 +119,7 @@ class ForkServer:
         with self._lock:
             self._end()
 
-    def _control(self) -> socket.socket:
+    def _started(self) -> tuple[subprocess.Popen[bytes], socket.socket]:
         if self._running is None:
             with _no_process_when_short(), contextlib.ExitStack() as ours:
                 control, theirs = socket.socketpair()
@@ -115,18 +134,21 @@ class ForkServer:
                     )
                 ours.pop_all()
             self._running = process, control
-        return self._running[1]
+        return self._running
 
     def _end(self) -> None:
         if self._running is not None:
             process, control = self._running
             control.close()
-            process.wait()
+            processes.end(process, _DEAF_SECONDS)
             self._running = None
 
 
-def _ask(control: socket.socket) -> Child | None:
-    """Send a request; None when the server is dead. Raises NoProcessError."""
+def _ask(server: subprocess.Popen[bytes], control: socket.socket) -> Child | None:
+    """Send a request; None when the server is dead, or was frozen and is killed for that.
+
+    Raises NoProcessError.
+    """
     # What is open is closed again where the next is not to be had: whoever waits asks often.
     with _no_process_when_short(), contextlib.ExitStack() as theirs, contextlib.ExitStack() as ours:
         child_stdin, stdin = os.pipe()
@@ -137,12 +159,18 @@ def _ask(control: socket.socket) -> Child | None:
         ours.callback(os.close, stdout)
         life, child_life = socket.socketpair()
         theirs.callback(child_life.close)
-        child = Child(stdin, stdout, life)
+        child = Child(stdin, stdout, life, server)
         ours.pop_all()
         with contextlib.suppress(ConnectionError):
             descriptors = [child_stdin, child_stdout, child_life.fileno()]
             socket.send_fds(control, [b"."], descriptors)
-    if life.recv(len(_FORKED)):
+    life.settimeout(_FORK_SECONDS)
+    try:
+        forked = life.recv(len(_FORKED))
+    except TimeoutError:  # whoever asked would wait for ever, whatever limits its task has
+        server.kill()
+        forked = b""
+    if forked:
         return child
     child.close()
     return None

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from service.errors import NoProcessError
+from service.workers import forkserver
 from service.workers.forkserver import Child, ForkServer
 from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
@@ -51,6 +52,43 @@ def test_a_server_that_was_killed_is_started_again() -> None:
         child, another, count = _said(server)
     assert parent not in (child, another)
     assert count == 1
+
+
+def test_a_server_that_is_frozen_is_killed_and_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else a job waited for its process for ever, and no limit or cancel would end that."""
+    ask = forkserver._ask
+
+    def ask_with_more_patience_the_next_time(*arguments: Any) -> Child | None:
+        child = ask(*arguments)
+        monkeypatch.setattr(forkserver, "_FORK_SECONDS", 60.0)
+        return child
+
+    with contextlib.closing(fork_server(_COUNTS, "counts = []")) as server:
+        _, parent, _ = _said(server)
+        os.kill(parent, signal.SIGSTOP)
+        monkeypatch.setattr(forkserver, "_FORK_SECONDS", 0.2)
+        monkeypatch.setattr(forkserver, "_ask", ask_with_more_patience_the_next_time)
+        _, another, count = _said(server)
+    assert (another != parent, count, wait_until_gone(parent)) == (True, 1, "gone")
+
+
+@pytest.mark.parametrize("ended", ["its child", "itself"])
+def test_a_server_that_is_frozen_keeps_nobody_from_ending(
+    ended: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forkserver, "_DEAF_SECONDS", 0.2)
+    code = "print(json.dumps([os.getpid(), os.getppid()]), flush=True); time.sleep(600)"
+    with contextlib.closing(fork_server(code)) as server:
+        child = server.fork()
+        pid, parent = json.loads(child.stdout.readline())
+        os.kill(parent, signal.SIGSTOP)
+        if ended == "itself":
+            server.close()
+        child.close()
+        assert wait_until_gone(pid) in ("gone", "Z")
+    assert wait_until_gone(parent) == "gone"
 
 
 def test_children_die_with_their_server() -> None:
