@@ -25,6 +25,7 @@ from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures.clipped import shown_layers
 from pipeline.process import separate_files
 from pipeline.progress import Progress
+from pipeline.separation.alike import fill_alike
 from pipeline.separation.separation import Strip
 
 _SIZE = "width=96&height=64&noise=off"
@@ -44,13 +45,14 @@ def main() -> None:
 
 
 def _call_others() -> None:
-    """Call what clipped light, a tone curve, a picture made smaller, and normals take."""
+    """Call what clipped light, a tone curve, a smaller picture, gaps and normals take."""
     side = 4
     image = np.ones((side, side, 3), np.float32)
     for count in (1, 2, 3):
         shown_layers(np.stack(count * [image]), np.ones((count, 3)), 1.0)
     AreaStrips((side, side), (side // 2, side // 2)).add(image)
     ToneCurve(np.zeros(len(KNOTS))).photograph(image)
+    fill_alike(image, image, np.zeros((side, side), np.float32), image, image)
     rows, lamps = slice(0, side), np.eye(3)
     ones, known = np.ones((side, side, 3)), np.ones((side, side), bool)
     surface = Surface(

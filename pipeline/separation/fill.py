@@ -10,6 +10,7 @@ from pipeline.images.frames import Image, by_planes, channels_first
 from pipeline.images.push_pull import push_pull
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
+from pipeline.separation.alike import fill_alike
 from pipeline.separation.proportions import model_proportions
 
 _UNKNOWN = 1 / 12  # variance of a proportion of which nothing is known: any from 0 to 1 alike
@@ -19,14 +20,18 @@ _TINY = 1e-30
 class Surroundings:
     """Proportions of every lamp in the surroundings of each pixel, smooth, defined everywhere.
 
-    The noisier a block, the less it counts beside those around.
+    The noisier a block, the less it counts beside those around. Gaps whose light without the flash
+    is known, as in the flash's shadows, are as places around with light like it.
     """
 
     def __init__(self, reduced: ReducedPair, lamps: Lamps) -> None:
         proportions = model_proportions(reduced.no_flash, reduced.flash, lamps)
         count, height, width = proportions.shape[:3]
         planes = np.ascontiguousarray(np.moveaxis(proportions, 0, 2).reshape(height, width, -1))
-        self._map = push_pull(planes, _known(reduced, lamps.least_sine))
+        known = _known(reduced, lamps.least_sine)
+        self._map = fill_alike(
+            push_pull(planes, known), planes, known, reduced.no_flash, reduced.no_flash_variance
+        )
         self._block = reduced.block
         self._count = count
 

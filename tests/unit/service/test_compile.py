@@ -8,10 +8,11 @@ from pipeline.images import area_strips
 from pipeline.pair import tone_curve
 from pipeline.photometric_stereo import detail
 from pipeline.pictures import clipped
+from pipeline.separation import alike
 from service import compile
 
 compile._call_others()
-loops = area_strips._share_out, tone_curve._multiply, detail._add_detail, clipped._show
+loops = area_strips._share_out, tone_curve._multiply, alike._fill, detail._add_detail, clipped._show
 print(*(len(loop.signatures) for loop in loops))
 """
 
@@ -21,4 +22,4 @@ def test_loops_that_no_pair_reaches_are_called() -> None:
     done = subprocess.run(
         [sys.executable, "-c", CALLED], capture_output=True, text=True, check=True
     )
-    assert done.stdout == "1 1 1 3\n"
+    assert done.stdout == "1 1 1 1 3\n"

@@ -123,3 +123,23 @@ def test_a_noisy_block_tells_less_of_what_fills_a_hole_beside_it(
     # of four blocks it is averaged with, it is a quarter, and a seventh where it counts for half
     np.testing.assert_allclose(less, off * 4 / 7, atol=1e-4)
     np.testing.assert_allclose(Surroundings(noisy, lamps).blocks().sum(axis=0), 1, atol=1e-6)
+
+
+def test_the_shadow_of_the_flash_on_a_wall_is_lit_like_the_wall(
+    pair_of: Callable[..., Any],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+) -> None:
+    """A thing in cool light throws it, right beside itself, on a wall in warm light."""
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+    whole = np.tile(0.5 * model.flash_white, (32, 64, 1))
+    no_flash = whole @ lamps.matrices[0].T
+    no_flash[:, 40:] = (whole @ lamps.matrices[1].T)[:, 40:]
+    part = whole.copy()
+    part[:, 34:40] = 0.0
+
+    found = Surroundings(reduce_pair(pair_of(no_flash, part)), lamps).blocks()
+
+    np.testing.assert_allclose(found[0, :, :40], 1, atol=0.05)
+    np.testing.assert_allclose(found[0, :, 40:], 0, atol=1e-4)
