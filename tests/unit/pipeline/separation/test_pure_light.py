@@ -138,3 +138,12 @@ def test_a_lamp_found_a_little_off_is_still_seen_alone(
     found = without_pure_light(lit(true, shares), lamps_of(warm_to_cool[[0, 2]], alone=np.zeros(2)))
 
     assert found == []
+
+
+def test_stray_pixels_beyond_an_area_hide_it_not(lit: Build, two: Any) -> None:
+    """A fifth is the warm lamp's but for .025, since that lamp was found a little off."""
+    shares = mixture(0.2, 0.8)
+    shares[:, :, :20] = np.array([0.975, 0.025])[:, None, None]
+    shares[:, :, 20] = np.array([1.0, 0.0])[:, None]
+
+    assert without_pure_light(lit(two.coefficients, shares), two) == [1]
