@@ -8,7 +8,8 @@ A second lamp counts where the likelihood gains enough by it, but not
   can give of them; or where the gain is small and one lamp with gloss explains as much.
 
 A third lamp counts where three signs together speak for it: the gain in likelihood, differences
-across shadow edges that show neither of two lamps, and light that is no mixture of two.
+across shadow edges that two lamps do not give, alone or in exchange, and light that is no mixture
+of two.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from pipeline.matrixfit.fit import MOST_LAMPS, Fit, FitInput
 from pipeline.matrixfit.fourth_lamp import gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.surface_colours import scatter_within_colours
-from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained
+from pipeline.matrixfit.unexplained import left_over, share_beside, share_of_third, unexplained
 from pipeline.pair.reduced import ReducedPair
 
 MUCH_LEFT = 0.08
@@ -113,7 +114,7 @@ def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -
     """How far what two lamps (2, 3, 3) do not explain speaks for a third, below 0 against it."""
     off = 0.0
     if evidence.has_edges:
-        off = share_off(evidence.differences, matrices) / _THIRD_OFF
+        off = share_of_third(evidence.differences, matrices) / _THIRD_OFF
     if reduced.rendered:  # whose curve takes light out of the plane of two lamps
         return off - _THIRD_RENDERED
     beside = share_beside(reduced, matrices) + _BESIDE_LEAST

@@ -21,6 +21,7 @@ from pipeline.vectors import cross_2d
 
 _QUANTILE = 0.9
 _OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
+_ON_LINE = 0.015  # the same, without noise
 _TERMINATOR = 0.2  # of an edge: it is wide, and found again in every direction
 _BESIDE, _ALIKE = 0.01, 1e-3  # of the light; sine between lamps whose plane is not told
 _MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
@@ -87,6 +88,28 @@ def share_off(differences: Data, matrices: Floats64) -> float:
     if not len(differences):
         return 0.0
     return float(1.0 - shares_alone(differences, matrices).sum())
+
+
+def share_of_third(differences: Data, matrices: Floats64) -> float:
+    """Share of the differences that two lamps (2, 3, 3) do not give, and a third may.
+
+    They show neither lamp alone, nor more of one and less of the other. The latter lie beyond the
+    lamps on the line through both: no shadow ends there, but a surface turns from one lamp to the
+    other, as at the edge of a box of which the flash shows both sides alike.
+    """
+    if not len(differences):
+        return 0.0
+    one, other = differences.corners(matrices)
+    limit = _OFF + 2 * _deviation(differences)
+    between, of_one, of_other = other - one, differences.u - one, differences.u - other
+    length = np.maximum(np.linalg.norm(between, axis=1), 1e-9)
+    near = np.minimum(np.linalg.norm(of_one, axis=1), np.linalg.norm(of_other, axis=1)) <= limit
+    # whatever its noise, for that would put a third lamp there, too
+    on_line = np.abs(cross_2d(of_one, between)) <= _ON_LINE * length
+    outside = ((of_one * between).sum(axis=1) < 0) | ((of_other * between).sum(axis=1) > 0)
+    # lamps that are nearly one have no line
+    swapped = on_line & outside & (length > _OFF)
+    return float(np.mean(~near & ~swapped))
 
 
 def shares_alone(data: Data, matrices: Floats64) -> Floats64:

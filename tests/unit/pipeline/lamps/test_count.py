@@ -254,7 +254,7 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     number: int,
 ) -> None:
     """A tenth of the differences off is worth 0.8 times 150, light beside both 1.3 for each e."""
-    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_of_third", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: beside)
 
     fit = costs(0, -900, -900 - third)
@@ -278,7 +278,7 @@ def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
     number: int,
 ) -> None:
     """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
-    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_of_third", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.1 * np.exp(-1.6 / 1.3) - 0.01)
     gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
 
@@ -385,7 +385,7 @@ def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
 ) -> None:
     given = fit_input(replace(shadowed(warm_to_cool), rendered=rendered))
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
-    monkeypatch.setattr(count, "share_off", lambda *_: 0.0)
+    monkeypatch.setattr(count, "share_of_third", lambda *_: 0.0)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.0)
     matrices = model.lamp_matrix(warm_to_cool)
 

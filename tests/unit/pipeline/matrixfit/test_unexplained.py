@@ -14,6 +14,7 @@ from pipeline.matrixfit.unexplained import (
     mean_left_over,
     places_alone,
     share_beside,
+    share_of_third,
     share_off,
     share_outside,
     shares_alone,
@@ -161,6 +162,24 @@ def test_differences_off_all_lamps_are_counted() -> None:
     assert share_off(on_grey(*at_lamps, *off), LAMPS) == pytest.approx(0.4)
     assert share_off(on_grey(*off, deviation=0.02), LAMPS) == pytest.approx(0.5)
     assert share_off(on_grey(), LAMPS) == 0
+
+
+def test_a_third_lamp_is_told_by_what_is_no_exchange_of_two() -> None:
+    """Lamps at red .2 and .6, green .2: what lies on their line beyond either is an exchange."""
+    two = LAMPS[:2]
+    exchanged = ((0.08, 0.2), (0.75, 0.21), (0.9, 0.19))
+    others = ((0.4, 0.2), (0.75, 0.3), (0.2, 0.6))
+
+    assert share_of_third(on_grey((0.2, 0.2), (0.61, 0.19), *exchanged), two) == 0
+    assert share_of_third(on_grey(*exchanged, *others), two) == pytest.approx(0.5)
+    assert share_of_third(on_grey((0.75, 0.22), deviation=0.02), two) == 1
+    assert share_of_third(on_grey(), two) == 0
+
+
+def test_lamps_that_are_nearly_one_exchange_nothing() -> None:
+    two = np.array([LAMPS[0], 3 * np.diag([0.22, 0.2, 0.58])])
+
+    assert share_of_third(on_grey((0.6, 0.2), (0.21, 0.2)), two) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1)])
