@@ -24,7 +24,7 @@ from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.images.area_means import area_means
 from pipeline.images.blocks import any_in_blocks, blocks_within
-from pipeline.images.frames import Mask, Photograph
+from pipeline.images.frames import Mask, Matrix, Photograph
 from pipeline.pair.tone_curve import KNOTS, ToneCurve
 
 # Chosen on development rooms (docs/trials/tone_curves.md)
@@ -66,12 +66,14 @@ class _Edges:
 
     codes, light: (4, n, 3), code values and light by sRGB's curve: without the flash on either
     side, with it on either side, in exposures of the first. knots: (4, n, 3, K), by how much each
-    knot of a curve counts.
+    knot of a curve counts. balance: (3, 3), of linear sRGB of the flash photograph → as balanced as
+    the other.
     """
 
     codes: Floats64
     light: Floats64
     knots: Floats64
+    balance: Matrix
 
 
 @dataclass(frozen=True)
@@ -86,8 +88,17 @@ class _Changes:
         return np.asarray(np.square(self.off).sum(axis=1))
 
 
+def usual_contrasts() -> list[ToneCurve]:
+    """What cameras' contrasts are about, and none: where the search for one starts."""
+    return [ToneCurve(contrast * _CONTRAST + s * _S_CURVE) for contrast, s in _STARTS]
+
+
 def find_tone_curve(
-    no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float
+    no_flash: Photograph,
+    flash: Photograph,
+    unusable: Mask,
+    ratio: float,
+    balance: Matrix | None = None,
 ) -> ToneCurve | None:
     """The curve through which the flash's light does not end where the lamps' does.
 
@@ -99,12 +110,13 @@ def find_tone_curve(
         with the lamps' light in it
     unusable : (H, W), what tells nothing of light
     ratio : of the exposures, flash photograph ÷ other
+    balance : (3, 3), of linear sRGB of the flash photograph → as balanced as the other
     """
-    edges = _edges(no_flash, flash, unusable, ratio)
+    edges = _edges(no_flash, flash, unusable, ratio, np.eye(3) if balance is None else balance)
     if edges is None:
         return None
     none = np.zeros(len(KNOTS))
-    starts = [contrast * _CONTRAST + s * _S_CURVE for contrast, s in _STARTS]
+    starts = [curve.logs for curve in usual_contrasts()]
     usual = _height(edges, none, _PEAKS[0])
     if max(_height(edges, logs, _PEAKS[0]) for logs in starts) <= max(usual, 0.0):
         return None  # most of all where sRGB's curve is all that there is: saves two thirds
@@ -132,7 +144,9 @@ def find_tone_curve(
     return ToneCurve(found[best])
 
 
-def _edges(no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float) -> _Edges | None:
+def _edges(
+    no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float, balance: Matrix
+) -> _Edges | None:
     """None where there are too few."""
     height, width = unusable.shape
     blocks = blocks_within(width, height, _LONG_SIDE)
@@ -143,14 +157,15 @@ def _edges(no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float
     found = [_steps(both, known), _steps(both.transpose(0, 2, 1, 3), known.T)]
     codes = np.concatenate(found, axis=1)
     light = srgb_to_linear(codes) / np.array((1.0, 1.0, ratio, ratio))[:, None, None]
-    which = np.flatnonzero((light[2:] - light[:2]).min(axis=(0, 2)) > _LEAST_FLASH)
+    parts = light[2:] @ balance.T - light[:2]
+    which = np.flatnonzero(parts.min(axis=(0, 2)) > _LEAST_FLASH)
     if len(which) < _FEW_EDGES:
         return None
     if len(which) > _MOST_EDGES:
         which = which[np.linspace(0, len(which) - 1, _MOST_EDGES).astype(int)]
     codes, light = codes[:, which], light[:, which]
     places = codes[..., None] * (len(KNOTS) - 1) - np.arange(len(KNOTS))
-    return _Edges(codes, light, np.maximum(1.0 - np.abs(places), 0.0))
+    return _Edges(codes, light, np.maximum(1.0 - np.abs(places), 0.0), balance)
 
 
 def _steps(both: Floats64, known: Mask) -> Floats64:
@@ -181,7 +196,7 @@ def _covariance() -> Floats64:
 def _lights(edges: _Edges, logs: Floats64) -> tuple[Floats64, Floats64, Floats64]:
     """Light (4, n, 3) through a curve, flash parts (2, n, 3), changes (n,) of the lamps' light."""
     light = edges.light * np.exp(edges.knots @ logs)
-    parts = np.maximum(light[2:] - light[:2], 1e-4)
+    parts = np.maximum(light[2:] @ edges.balance.T - light[:2], 1e-4)
     changes = np.sqrt(np.square(np.log(light[0] / light[1])).mean(axis=1)) + 1e-3
     return light, parts, changes
 
@@ -197,7 +212,7 @@ def _slopes(edges: _Edges, logs: Floats64) -> Floats64:
     """Change of _Changes.off by the logarithms of a curve, (n, 3, K)."""
     light, parts, changes = _lights(edges, logs)
     by = light[..., None] * edges.knots
-    by = (by[2:] - by[:2]) / parts[..., None]
+    by = (edges.balance @ by[2:] - by[:2]) / parts[..., None]
     return np.asarray((by[0] - by[1]) / changes[:, None, None])
 
 

@@ -12,7 +12,9 @@ from pipeline.images.memory import empty_image, releasable
 from pipeline.images.noise import Noise
 from pipeline.options import PairOptions
 from pipeline.pair.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
+from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
+from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.flow import residual_flow, warp_along
@@ -51,6 +53,8 @@ class Pair:
     rendered: whether a camera's rendering to sRGB has bent the values.
     tone_curve: the contrast that it put on top of sRGB's curve, which has been taken off both
         photographs; None where none was found.
+    balance_change: by how much it balanced the white of the flash photograph otherwise, which has
+        been taken off that; None where nothing was found.
     no_flash_noise, flash_noise: the noise of each.
     registration_px: standard deviation of what the flash photograph lies beside the other; 0 where
         it was taken as it is.
@@ -69,6 +73,7 @@ class Pair:
     exposure_source: str
     rendered: bool
     tone_curve: ToneCurve | None
+    balance_change: BalanceChange | None
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
@@ -101,12 +106,9 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     if options.align:
         laid = _laid_on(no_flash.pixels, flash, progress)
     progress.report("align", 0.6)
-    tone = None
+    tone = balance = None
     if rendered and not options.flash_only:
-        unusable = no_flash.unusable | laid.unusable
-        tone = find_tone_curve(no_flash.pixels, laid.pixels, unusable, written.value)
-    if tone is not None:
-        no_flash, flash, laid = tone.frame(no_flash), *_toned(tone, flash, laid)
+        no_flash, flash, laid, tone, balance = _taken_back(no_flash, flash, laid, written)
     progress.report("align", 0.65)
     held = _held_against(no_flash, flash, laid, written, options, progress)
     progress.report("align", 0.9)
@@ -119,6 +121,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         exposure_source=held.ratio.source,
         rendered=rendered,
         tone_curve=tone,
+        balance_change=balance,
         no_flash_noise=held.noises[0],
         flash_noise=held.noises[1],
         alignment=laid.alignment,
@@ -130,7 +133,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         warnings=(
             *orientation_warnings(no_flash, flash),
             *baseline_warnings(no_flash, flash, written),
-            *(rendering_warnings(no_flash, flash, written.value) if rendered else ()),
+            *(rendering_warnings(no_flash, flash, written.value, balance) if rendered else ()),
             *alignment_warnings(laid.alignment),
             *held.warnings,
             *copy_warnings(no_flash.pixels, held.flash, options.flash_only),
@@ -168,12 +171,45 @@ def _laid_on(no_flash: Photograph, flash: Frame, progress: Progress) -> _Laid:
     return _Laid(pixels, unusable, alignment, parallax)
 
 
+def _taken_back(
+    no_flash: Frame, flash: Frame, laid: _Laid, ratio: ExposureRatio
+) -> tuple[Frame, Frame, _Laid, ToneCurve | None, BalanceChange | None]:
+    """Both frames, and how the other was laid, without what a camera made of them; and what."""
+    unusable, by = no_flash.unusable | laid.unusable, ratio.value
+    balance = None
+    if _balances_may_differ(no_flash, flash) and ratio.source != "assumed":
+        balance = find_balance_change(no_flash.pixels, laid.pixels, unusable, by)
+    matrix = None if balance is None else balance.matrix
+    tone = find_tone_curve(no_flash.pixels, laid.pixels, unusable, by, matrix)
+    if balance is not None:
+        balance, tone = settle_balance_change(
+            no_flash.pixels, laid.pixels, unusable, by, balance, tone
+        )
+    if tone is not None:
+        no_flash, flash, laid = tone.frame(no_flash), *_toned(tone, flash, laid)
+    if balance is not None:
+        flash, laid = _rebalanced(balance, flash, laid)
+    return no_flash, flash, laid, tone, balance
+
+
+def _balances_may_differ(no_flash: Frame, flash: Frame) -> bool:
+    """Whether the camera may have balanced the white of either photograph by itself."""
+    return no_flash.auto_white_balance is not False or flash.auto_white_balance is not False
+
+
 def _toned(tone: ToneCurve, flash: Frame, laid: _Laid) -> tuple[Frame, _Laid]:
     """The flash frame, and how it was laid, as light of a curve."""
     toned = tone.frame(flash)
     if laid.pixels is flash.pixels:
         return toned, replace(laid, pixels=toned.pixels)
     return toned, replace(laid, pixels=tone.photograph(laid.pixels, own=True))
+
+
+def _rebalanced(balance: BalanceChange, flash: Frame, laid: _Laid) -> tuple[Frame, _Laid]:
+    """The flash frame's noise, and the light of how it was laid, in the other's balance."""
+    compression = flash.compression and balance.noise(flash.compression)
+    pixels = balance.photograph(laid.pixels, own=laid.pixels is not flash.pixels)
+    return replace(flash, compression=compression), replace(laid, pixels=pixels)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from pipeline.decode.samples import turns_sides
 from pipeline.images.area_means import area_means
 from pipeline.images.frames import Frame, Photograph
 from pipeline.pair.align import Alignment
+from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio, darkening
 from pipeline.pair.flicker import bands
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
@@ -57,8 +58,13 @@ def baseline_warnings(no_flash: Frame, flash: Frame, ratio: ExposureRatio) -> li
     return [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
 
 
-def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunWarning]:
-    """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
+def rendering_warnings(
+    no_flash: Frame, flash: Frame, ratio: float, balance: BalanceChange | None
+) -> list[RunWarning]:
+    """What a camera's rendering to sRGB may have done to one photograph and not to the other.
+
+    balance: of the flash photograph, that was found and taken off.
+    """
     warnings = []
     grey = [is_grey(no_flash), is_grey(flash)]
     if any(grey) and not all(grey):
@@ -67,7 +73,15 @@ def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunW
             "were taken out, no layer is right. Send both as the camera made them in colour."
         )
         warnings.append(RunWarning(Code.ONE_GREY, message))
-    if no_flash.auto_white_balance or flash.auto_white_balance:
+    if balance is not None:
+        message = (
+            "The camera balanced the white of the flash photograph otherwise than that of the "
+            f"other: red times {balance.red:.2f}, blue times {balance.blue:.2f}. The pair shows "
+            "it, and it was taken off as far as a pair tells: lock the white balance, or send RAW "
+            "files."
+        )
+        warnings.append(RunWarning(Code.AUTO_WHITE_BALANCE, message, balance.entry()))
+    elif no_flash.auto_white_balance or flash.auto_white_balance:
         both = no_flash.auto_white_balance and flash.auto_white_balance
         message = (
             f"The camera balanced the white of {'each' if both else 'one'} photograph by itself, "

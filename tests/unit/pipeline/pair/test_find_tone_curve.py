@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -10,65 +9,23 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
-from pipeline.images.coded import TableImage
-from pipeline.images.frames import Mask
 from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.tone_curve import ToneCurve
+from tests.unit.pipeline.pair.shadows_on_paint import (
+    SIZE,
+    Curve,
+    light_of,
+    nothing,
+    photographs,
+    s_curve,
+)
 
-Curve = Callable[[Floats64], Floats64]
-
-SIZE = 288, 216
-PATCH = 24
 S, STRONGER = 0.05, 0.08
-
-
-def s_curve(strength: float) -> Curve:
-    """Code values moved away from the middle."""
-    return lambda codes: codes - strength * np.sin(2 * np.pi * codes)
 
 
 def brighter(codes: Floats64) -> Floats64:
     """Middle tones brighter, highlights flatter."""
     return np.asarray(1 - (1 - codes) ** 1.5)
-
-
-def light_of(
-    shadows: Literal["slanted", "upright", "level", "none"] = "slanted", flash: float = 0.35
-) -> tuple[Floats64, Floats64]:
-    """Light (H, W, 3) without and with a flash. shadows: how their edges run."""
-    random = np.random.default_rng(3)
-    width, height = SIZE
-    paints = random.uniform(0.25, 0.95, (height // PATCH, width // PATCH, 3))
-    paint = np.kron(paints, np.ones((PATCH, PATCH, 1)))
-    y, x = np.mgrid[:height, :width]
-    first, second = np.ones((2, height, width))
-    if shadows != "none":
-        along, across = {
-            "slanted": (x + y // 2, y + x // 3),
-            "upright": (x, x + 15),
-            "level": (y, y + 15),
-        }[shadows]
-        first = np.where(along % 66 < 30, 0.05, 1.0)
-        second = np.where(across % 78 < 36, 0.05, 1.0)
-    lamps = first[..., None] * [0.3, 0.22, 0.12] + second[..., None] * [0.1, 0.16, 0.25]
-    even = flash * (1 - 0.3 * ((x - 140) ** 2 + (y - 100) ** 2) / 3e4)[..., None]
-    return paint * (lamps + 0.02), paint * (lamps + 0.02 + even)
-
-
-def photographs(curve: Curve, light: tuple[Floats64, Floats64]) -> tuple[TableImage, TableImage]:
-    """What a camera with this curve on top of sRGB's makes of light, in 8 bits."""
-    table = srgb_to_linear(np.arange(256, dtype=np.float32) / 255)
-
-    def coded(one: Floats64) -> TableImage:
-        codes = curve(linear_to_srgb(np.clip(one, 0.0, 1.0)).astype(np.float64))
-        return TableImage(np.round(255 * codes).astype(np.uint8), table)
-
-    return coded(light[0]), coded(light[1])
-
-
-def nothing() -> Mask:
-    """A mask of pixels that cannot be used, empty."""
-    return np.zeros(SIZE[::-1], np.bool_)
 
 
 def off(found: ToneCurve, curve: Curve) -> float:
@@ -96,6 +53,17 @@ def test_edges_that_run_one_way_tell_it(shadows: Literal["upright", "level"]) ->
 
     assert found is not None
     assert off(found, s_curve(S)) < 0.02
+
+
+def test_a_contrast_is_found_through_a_balance_that_differs() -> None:
+    no_flash, flash = light_of()
+    gains = np.array((1.3, 1.0, 0.75))
+    pair = photographs(s_curve(S), (no_flash, 0.8 * flash * gains))
+
+    found = find_tone_curve(*pair, nothing(), 0.8, np.diag(1 / gains))
+
+    assert found is not None
+    assert off(found, s_curve(S)) < 0.016
 
 
 def test_a_few_edges_are_not_enough() -> None:

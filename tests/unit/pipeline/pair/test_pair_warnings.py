@@ -9,6 +9,7 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
+from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.pair import make_pair
 from pipeline.pair.pair_warnings import (
@@ -138,6 +139,20 @@ def test_white_that_was_balanced_in_one_alone_is_warned_of(
     assert warning.message.startswith("The camera balanced the white of one photograph by itself")
 
 
+@pytest.mark.parametrize("balanced", [None, True])
+def test_a_balance_that_was_found_to_differ_is_warned_of_with_its_gains(
+    frames: Callable[..., tuple[Frame, Frame]], balanced: bool | None
+) -> None:
+    both = frames(encoding="srgb", auto_white_balance=balanced)
+
+    (warning,) = rendering_warnings(*both, 1.0, BalanceChange(1.304, 0.7512))
+
+    assert warning.code == "auto_white_balance"
+    assert "red times 1.30, blue times 0.75" in warning.message
+    assert "lock the white balance, or send RAW" in warning.message
+    assert warning.figures == {"red": 1.304, "blue": 0.751}
+
+
 @pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
 def test_one_photograph_without_colour_is_told(
     frames: Callable[..., tuple[Frame, Frame]], which: int, name: str
@@ -146,11 +161,11 @@ def test_one_photograph_without_colour_is_told(
     green = np.asarray(both[which].pixels[..., 1:2])
     both[which] = replace(both[which], pixels=np.repeat(green, 3, axis=2))
 
-    warnings = rendering_warnings(both[0], both[1], 1.0)
+    warnings = rendering_warnings(both[0], both[1], 1.0, None)
 
     assert [warning.code for warning in warnings] == ["one_grey"]
     assert warnings[0].message.startswith(f"The photograph {name} the flash is grey, the other")
-    assert rendering_warnings(both[which], both[which], 1.0) == []
+    assert rendering_warnings(both[which], both[which], 1.0, None) == []
 
 
 def test_linear_values_may_be_exposed_as_they_like(

@@ -19,6 +19,7 @@ from pipeline.light.model import Model
 from pipeline.mixes.mix import mix_basis
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.align import Alignment
+from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.reduced import reduce_pair
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.photometric_stereo.facing import Facing
@@ -89,6 +90,7 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["exposure_ratio"] == 1.0
     assert found["exposure_source"] == "option"
     assert found["tone_curve"] is None
+    assert found["balance_change"] is None
     assert found["moved"] == 0.0
     assert found["alignment"] == {
         "applied": False,
@@ -168,6 +170,14 @@ def test_a_contrast_that_was_taken_off_is_told(manifest_of: Callable[..., dict[s
     assert found["tone_curve"]["codes"] == [round(0.1 * one, 1) for one in range(11)]
     assert found["tone_curve"]["light"][5] == round(0.2140411 * np.exp(-0.5), 5)
     json.dumps(found["tone_curve"])  # plain numbers
+
+
+def test_a_balance_that_was_taken_off_is_written(
+    manifest_of: Callable[..., dict[str, Any]],
+) -> None:
+    found = manifest_of(pair_with={"balance_change": BalanceChange(1.25, 0.8)})
+
+    assert found["balance_change"] == {"red": 1.25, "blue": 0.8}
 
 
 def test_alignment_is_told_with_its_matrix(manifest_of: Callable[..., dict[str, Any]]) -> None:

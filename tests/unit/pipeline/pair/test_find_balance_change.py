@@ -1,0 +1,120 @@
+"""Shadows of two lamps on patches of paint, the flash photograph with gains of red and blue."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.arrays import Floats64
+from pipeline.colour.curves import srgb_to_linear
+from pipeline.images.coded import TableImage
+from pipeline.pair.balance_change import TO_SENSOR, BalanceChange
+from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
+from pipeline.pair.tone_curve import KNOTS, ToneCurve
+from tests.unit.pipeline.pair.shadows_on_paint import SIZE, light_of, nothing, photographs, s_curve
+
+SRGB = s_curve(0.0)
+
+
+def with_gains(flash: Floats64, red: float, blue: float) -> Floats64:
+    """A photograph (H, W, 3) in linear sRGB whose sensor's channels are multiplied."""
+    to_srgb = np.linalg.inv(TO_SENSOR)
+    return np.asarray(flash @ (to_srgb @ (np.array((red, 1.0, blue))[:, None] * TO_SENSOR)).T)
+
+
+def pair_of(
+    red: float, blue: float, contrast: float = 0.0, exposure: float = 0.75, flash: float = 0.35
+) -> tuple[TableImage, TableImage]:
+    no_flash, both = light_of(flash=flash)
+    return photographs(s_curve(contrast), (no_flash, exposure * with_gains(both, red, blue)))
+
+
+@pytest.mark.parametrize("gains", [(1.3, 0.75), (0.75, 1.3), (1.12, 0.9), (1.0, 0.8)])
+@pytest.mark.parametrize("contrast", [0.0, 0.05])
+def test_gains_are_found(gains: tuple[float, float], contrast: float) -> None:
+    found = find_balance_change(*pair_of(*gains, contrast), nothing(), 0.75)
+
+    assert found is not None
+    np.testing.assert_allclose((found.red, found.blue), gains, rtol=0.03)
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.05, 0.08])
+def test_between_equal_balances_nothing_is_found(contrast: float) -> None:
+    assert find_balance_change(*pair_of(1.0, 1.0, contrast), nothing(), 0.75) is None
+
+
+def test_gains_too_small_to_be_told_surely_stay() -> None:
+    assert find_balance_change(*pair_of(1.03, 0.97), nothing(), 0.75) is None
+
+
+def test_a_flash_that_hardly_reaches_tells_nothing() -> None:
+    assert find_balance_change(*pair_of(1.3, 0.75, flash=0.002), nothing(), 0.75) is None
+
+
+def test_lamps_that_light_all_places_alike_tell_nothing() -> None:
+    no_flash, both = light_of("none")
+    pair = photographs(SRGB, (no_flash, 0.75 * with_gains(both, 1.3, 0.75)))
+
+    assert find_balance_change(*pair, nothing(), 0.75) is None
+
+
+def test_what_cannot_be_used_does_not_count() -> None:
+    """In the right half the flash photograph shows something else."""
+    no_flash, flash = pair_of(1.3, 0.75)
+    other = flash[:].copy()
+    half = SIZE[0] // 2
+    other[:, half:] = np.roll(other[:, half:], 17, axis=0)
+    unusable = nothing()
+    unusable[:, half:] = True
+
+    found = find_balance_change(no_flash, other, unusable, 0.75)
+
+    assert found is not None
+    np.testing.assert_allclose((found.red, found.blue), (1.3, 0.75), rtol=0.03)
+    assert find_balance_change(no_flash, flash, ~nothing(), 0.75) is None
+
+
+def test_a_picture_smaller_than_the_way_to_a_neighbour_tells_nothing() -> None:
+    no_flash, flash = (np.full((6, 7, 3), light, np.float32) for light in (0.2, 0.4))
+
+    assert find_balance_change(no_flash, flash, np.zeros((6, 7), np.bool_), 1.0) is None
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.05])
+def test_gains_are_followed_through_a_contrast_that_is_there(contrast: float) -> None:
+    curves = {strength: taken_off(strength) for strength in (0.05, -0.05)}
+    near = BalanceChange(1.2, 0.8)
+
+    for strength, tone in curves.items():
+        settled = settle_balance_change(*pair_of(1.3, 0.75, contrast), nothing(), 0.75, near, tone)
+
+        found, kept = settled
+        assert kept is (tone if strength == contrast else None)
+        if strength == contrast or contrast == 0:
+            np.testing.assert_allclose((found.red, found.blue), (1.3, 0.75), rtol=0.03)
+
+
+def test_without_a_contrast_none_is_kept() -> None:
+    near = BalanceChange(1.2, 0.8)
+
+    found, kept = settle_balance_change(*pair_of(1.3, 0.75), nothing(), 0.75, near, None)
+
+    np.testing.assert_allclose((found.red, found.blue), (1.3, 0.75), rtol=0.03)
+    assert kept is None
+
+
+def test_where_too_few_places_tell_all_stays_as_it_was() -> None:
+    start, tone = BalanceChange(1.2, 0.8), taken_off(0.05)
+
+    settled = settle_balance_change(*pair_of(1.3, 0.75), ~nothing(), 0.75, start, tone)
+
+    assert settled == (start, tone)
+
+
+def taken_off(strength: float) -> ToneCurve:
+    """The light that an S means."""
+    codes = np.linspace(0.0, 1.0, 2001)
+    light = np.interp(KNOTS, s_curve(strength)(codes), srgb_to_linear(codes))
+    logs = np.log(np.maximum(light, 1e-6) / np.maximum(srgb_to_linear(KNOTS), 1e-6))
+    logs[0] = logs[1]
+    return ToneCurve(logs)
