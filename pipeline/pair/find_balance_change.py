@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats, Floats64
 from pipeline.colour.curves import linear_to_srgb
+from pipeline.compiling import summing
 from pipeline.images.area_means import area_means
 from pipeline.images.blocks import any_in_blocks, blocks_within
 from pipeline.images.frames import Mask, Photograph
@@ -69,7 +70,7 @@ class _Neighbours:
     def some(self, most: int) -> _Neighbours:
         """At most so many of them, from everywhere."""
         which = _spread(self.light.shape[1], most)
-        return _Neighbours(self.light[:, which], self.variances[:, which])
+        return _Neighbours(*(one.take(which, axis=1) for one in (self.light, self.variances)))
 
 
 def find_balance_change(
@@ -161,7 +162,7 @@ def _places(
     if pairs.shape[1] < _FEW_PAIRS:
         return None
     pairs = pairs[:, _spread(pairs.shape[1], _MOST_PAIRS)]
-    return both.reshape(2, -1, 3)[:, pairs].reshape(4, -1, 3)
+    return both.reshape(2, -1, 3).take(pairs, axis=1).reshape(4, -1, 3)
 
 
 def _spread(count: int, most: int) -> NDArray[np.int_]:
@@ -220,16 +221,39 @@ def _climbed(neighbours: _Neighbours, logs: Floats64) -> Floats64:
 
 def _height(neighbours: _Neighbours, logs: Floats64, widths: tuple[float, float]) -> float:
     """Height of the peak above its surroundings without gains of red and blue, in %."""
-    less = np.exp(-np.array((logs[0], 0.0, logs[1])))
-    lamps, both = np.split(neighbours.light, 2)
-    parts = both * less - lamps
-    known = (parts > _LEAST_FLASH).all(axis=(0, 2))
-    parts = np.maximum(parts, _LEAST_FLASH)
-    noise, other = np.split(neighbours.variances, 2)
-    relative = (noise + other * np.square(less)) / np.square(parts)
-    apart = np.log(parts[0] / parts[1])
-    squares = np.square(apart[:, ::2] - apart[:, 1:2]).sum(axis=1)
-    narrow, wide = (np.exp(-squares / (2 * width**2)) for width in widths)
-    weights = known / (1 + 0.75 * relative.sum(axis=(0, 2)) / widths[0] ** 2)
-    peak = weights @ (narrow - (widths[0] / widths[1]) ** 2 * wide)
-    return float(100 * peak / max(weights.sum(), _FEW_KNOWN * len(weights)))
+    less = float(np.exp(-logs[0])), 1.0, float(np.exp(-logs[1]))
+    peak, weight = _peak(neighbours.light, neighbours.variances, less, *widths)
+    return float(100 * peak / max(weight, _FEW_KNOWN * neighbours.light.shape[1]))
+
+
+@summing
+def _peak(
+    light: Floats64,
+    variances: Floats64,
+    less: tuple[float, float, float],
+    narrow: float,
+    wide: float,
+) -> tuple[float, float]:
+    """Sums over pairs, as in _Neighbours: the peak above its surroundings, and the weights."""
+    peak = total = 0.0
+    parts = np.empty((2, 3))
+    for i in range(light.shape[1]):
+        noise, known = 0.0, True
+        for place in range(2):
+            for c in range(3):
+                part = light[2 + place, i, c] * less[c] - light[place, i, c]
+                known &= part > _LEAST_FLASH
+                part = max(part, _LEAST_FLASH)
+                variance = variances[place, i, c] + variances[2 + place, i, c] * less[c] ** 2
+                noise += variance / part**2
+                parts[place, c] = part
+        if known:
+            green = parts[1, 1] / parts[0, 1]
+            red = np.log(parts[0, 0] / parts[1, 0] * green)
+            blue = np.log(parts[0, 2] / parts[1, 2] * green)
+            squared = red * red + blue * blue
+            surroundings = (narrow / wide) ** 2 * np.exp(-0.5 * squared / wide**2)
+            weight = 1.0 / (1.0 + 0.75 * noise / narrow**2)
+            peak += weight * (np.exp(-0.5 * squared / narrow**2) - surroundings)
+            total += weight
+    return peak, total
