@@ -15,14 +15,11 @@ from pipeline.images.noise import Noise
 from pipeline.options import Options
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.motion import find_moved
-from pipeline.pair.pair import Pair, make_pair
+from pipeline.pair.pair import make_pair
 from pipeline.progress import Progress
+from tests.unit.pipeline.pair.making import paired
 
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
-
-
-def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
-    return make_pair(*frames, Options(**options), Progress())
 
 
 def test_a_sound_pair_is_taken_without_a_word(

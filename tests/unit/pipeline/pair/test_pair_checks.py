@@ -20,8 +20,6 @@ from pipeline.errors import (
 )
 from pipeline.images.frames import Frame
 from pipeline.images.noise import Noise
-from pipeline.options import Options
-from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.pair_checks import (
     check_belonging,
     check_colours,
@@ -30,13 +28,8 @@ from pipeline.pair.pair_checks import (
     check_pair,
     check_sizes,
 )
-from pipeline.progress import Progress
+from tests.unit.pipeline.pair.making import paired
 from tests.unit.pipeline.separating import Files, codes, png, separated, tiff, turned
-
-
-def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
-    return make_pair(*frames, Options(**options), Progress())
-
 
 # files, by their headers
 

@@ -11,20 +11,13 @@ import pytest
 
 from pipeline.images.frames import Exposure, Frame
 from pipeline.images.noise import Noise
-from pipeline.options import Options
-from pipeline.pair.align import Alignment
 from pipeline.pair.balance_change import BalanceChange
-from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.tone_curve import ToneCurve
-from pipeline.progress import Progress
 from pipeline.run_warnings import Code
+from tests.unit.pipeline.pair.making import lay_as_they_are, paired
 
 CHANGE = BalanceChange(1.25, 0.8)
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
-
-
-def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
-    return make_pair(*frames, Options(**options), Progress())
 
 
 @pytest.fixture
@@ -54,13 +47,8 @@ def test_a_balance_that_is_found_is_taken_off_the_flash_photograph(
     """Also off one that was laid on the other; exposures are put on one scale after it."""
     before, after = (replace(one, encoding="srgb") for one in frames(scale=0.5))
     seen = after.pixels[:].copy()
-    if laid:  # a copy of its own, as alignment makes it
-        shifted = Alignment(True, np.eye(3), 0.9)
-        monkeypatch.setattr("pipeline.pair.pair.estimate_alignment", lambda *_: shifted)
-        monkeypatch.setattr("pipeline.pair.pair.residual_flow", lambda *_: None)
-        monkeypatch.setattr(
-            "pipeline.pair.pair.warp", lambda pixels, mask, _: (pixels[:].copy(), mask)
-        )
+    if laid:
+        lay_as_they_are(monkeypatch)
 
     pair = paired((before, after), exposure_ratio=0.5, align=laid)
 

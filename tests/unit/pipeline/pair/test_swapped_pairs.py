@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +12,10 @@ from pipeline.errors import (
     SwappedPairError,
 )
 from pipeline.images.frames import Frame
-from pipeline.options import Options
-from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.pair_checks import (
     check_belonging,
 )
-from pipeline.progress import Progress
-
-
-def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
-    return make_pair(*frames, Options(**options), Progress())
+from tests.unit.pipeline.pair.making import paired
 
 
 def test_a_swapped_pair_is_told_by_the_exif(

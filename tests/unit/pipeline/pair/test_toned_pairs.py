@@ -10,16 +10,8 @@ import numpy as np
 import pytest
 
 from pipeline.images.frames import Frame
-from pipeline.options import Options
-from pipeline.pair.align import Alignment
-from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.tone_curve import ToneCurve
-from pipeline.progress import Progress
-
-
-def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
-    return make_pair(*frames, Options(**options), Progress())
-
+from tests.unit.pipeline.pair.making import lay_as_they_are, paired
 
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 
@@ -47,13 +39,8 @@ def test_a_contrast_that_is_found_is_taken_off_both_photographs(
     """Also off one that was laid on the other; exposures are put on one scale after it."""
     before, after = (replace(one, encoding="srgb") for one in frames(scale=0.5))
     seen = after.pixels[:].copy()
-    if laid:  # a copy of its own, as alignment makes it
-        shifted = Alignment(True, np.eye(3), 0.9)
-        monkeypatch.setattr("pipeline.pair.pair.estimate_alignment", lambda *_: shifted)
-        monkeypatch.setattr("pipeline.pair.pair.residual_flow", lambda *_: None)
-        monkeypatch.setattr(
-            "pipeline.pair.pair.warp", lambda pixels, mask, _: (pixels[:].copy(), mask)
-        )
+    if laid:
+        lay_as_they_are(monkeypatch)
 
     pair = paired((before, after), exposure_ratio=0.5, align=laid)
 
