@@ -26,7 +26,7 @@ from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures.clipped import shown_layers
 from pipeline.process import separate_files
 from pipeline.progress import Progress
-from pipeline.separation.alike import fill_alike
+from pipeline.separation.fill_alike import fill_alike
 from pipeline.separation.separation import Strip
 
 _SIZE = "width=96&height=64&noise=off"

@@ -10,7 +10,7 @@ from pipeline.images.frames import Image, by_planes, channels_first
 from pipeline.images.push_pull import push_pull
 from pipeline.lamps.lamps import Lamps
 from pipeline.pair.reduced import ReducedPair
-from pipeline.separation.alike import fill_alike
+from pipeline.separation.fill_alike import fill_alike
 from pipeline.separation.proportions import model_proportions
 
 _UNKNOWN = 1 / 12  # variance of a proportion of which nothing is known: any from 0 to 1 alike

@@ -11,7 +11,7 @@ from pipeline.pair.ratios import (
     Ratios,
     block_ratios,
 )
-from tests.unit.pipeline.pair.lit import HEIGHT, QUIET, WIDTH, ratios_of, scene
+from tests.unit.pipeline.pair.ratios_of_scenes import HEIGHT, QUIET, WIDTH, ratios_of, scene
 
 
 def flicker(cycles: float, height: float, phase: float) -> Floats64:

@@ -17,7 +17,7 @@ from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.motion import find_moved
 from pipeline.pair.pair import make_pair
 from pipeline.progress import Progress
-from tests.unit.pipeline.pair.making import paired
+from tests.unit.pipeline.pair.pairs_of_frames import paired
 
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
 

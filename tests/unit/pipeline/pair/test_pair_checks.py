@@ -28,7 +28,7 @@ from pipeline.pair.pair_checks import (
     check_pair,
     check_sizes,
 )
-from tests.unit.pipeline.pair.making import paired
+from tests.unit.pipeline.pair.pairs_of_frames import paired
 from tests.unit.pipeline.separating import Files, codes, png, separated, tiff, turned
 
 # files, by their headers

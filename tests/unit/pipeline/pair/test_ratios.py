@@ -11,7 +11,15 @@ from pipeline.pair.ratios import (
     darker_share,
     ratio_without_flash,
 )
-from tests.unit.pipeline.pair.lit import FLASH, LAMP, QUIET, WIDTH, albedo, ratios_of, scene
+from tests.unit.pipeline.pair.ratios_of_scenes import (
+    FLASH,
+    LAMP,
+    QUIET,
+    WIDTH,
+    albedo,
+    ratios_of,
+    scene,
+)
 
 
 def test_ratios_are_those_of_the_blocks() -> None:

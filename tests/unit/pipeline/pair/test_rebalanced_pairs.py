@@ -14,7 +14,7 @@ from pipeline.images.noise import Noise
 from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.making import lay_as_they_are, paired
+from tests.unit.pipeline.pair.pairs_of_frames import lay_as_they_are, paired
 
 CHANGE = BalanceChange(1.25, 0.8)
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))

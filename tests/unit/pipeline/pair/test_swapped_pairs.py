@@ -15,7 +15,7 @@ from pipeline.images.frames import Frame
 from pipeline.pair.pair_checks import (
     check_belonging,
 )
-from tests.unit.pipeline.pair.making import paired
+from tests.unit.pipeline.pair.pairs_of_frames import paired
 
 
 def test_a_swapped_pair_is_told_by_the_exif(

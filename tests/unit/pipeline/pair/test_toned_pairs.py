@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.images.frames import Frame
 from pipeline.pair.tone_curve import ToneCurve
-from tests.unit.pipeline.pair.making import lay_as_they_are, paired
+from tests.unit.pipeline.pair.pairs_of_frames import lay_as_they_are, paired
 
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 

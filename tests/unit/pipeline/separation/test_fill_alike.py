@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats32
-from pipeline.separation.alike import fill_alike
+from pipeline.separation.fill_alike import fill_alike
 
 WARM, COOL = (0.6, 0.3, 0.1), (0.2, 0.3, 0.5)
 SHAPE = (32, 48)
