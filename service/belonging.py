@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 from service.errors import StorageFullError
 from service.object_keys import DATABASE_ID, JOBS, UPLOADS
-from service.rows.database import identity, jobs
+from service.rows.tables import identity, jobs
 from service.storage import Storage
 
 _BATCH = 500  # ids in a statement

@@ -31,7 +31,8 @@ from dbos import (
 from service.errors import StartError
 from service.patience import note
 from service.problems import DATABASE_AWAY, cause_of
-from service.rows.database import AWAY, now
+from service.rows.clock import now
+from service.rows.database import AWAY
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one

@@ -31,7 +31,7 @@ from service.object_keys import DATABASE_ID
 from service.opening import NO_ROOM, WRONG_ADDRESS, open_storage
 from service.problems import cause_of
 from service.room import larger_than_disk
-from service.rows import census, database, keys
+from service.rows import census, clock, database, keys
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage
@@ -159,7 +159,7 @@ def _no_database(error: Exception) -> Finding:
 
 def _clock(engine: sa.Engine) -> Finding:
     with engine.connect() as connection:
-        apart = abs(connection.execute(sa.select(database.now())).scalar_one() - time.time())
+        apart = abs(connection.execute(sa.select(clock.now())).scalar_one() - time.time())
     if apart > _CLOCKS_APART_SECONDS:
         return Finding(
             "wrong",

@@ -16,8 +16,8 @@ from service import answers
 from service.answers import JobAnswer
 from service.patience import note
 from service.rows import jobs
-from service.rows.database import jobs as rows
 from service.rows.states import State
+from service.rows.tables import jobs as rows
 from service.settings import Settings
 
 _LOOK_SECONDS = 0.25  # between two looks at the rows, one for all who watch

@@ -1,6 +1,6 @@
 """The schema of our tables, and the way to it from every schema that was ever released.
 
-Forward only: each file of versions/ is one step, and service.rows.database says where they lead. A
+Forward only: each file of versions/ is one step, and service.rows.tables says where they lead. A
 step adds, so that processes of the version before go on working until they are replaced: what may
 not be null has a default in the database itself.
 """

@@ -9,10 +9,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.rows.database import jobs, now, workers
+from service.rows.clock import now
 from service.rows.jobs import Job, find
 from service.rows.moves import NO_REQUEST, end, move, update
 from service.rows.states import HELD, State
+from service.rows.tables import jobs, workers
 
 LOST_ATTEMPTS = 3
 """Attempts at a job that may be cut short before it is given up."""

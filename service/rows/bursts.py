@@ -9,7 +9,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service.rows.database import jobs
+from service.rows.tables import jobs
 
 _DIGITS = 3  # hexadecimal: 4096 ids
 

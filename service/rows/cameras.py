@@ -17,9 +17,11 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 import drivers
 from service.rows import attempts, heartbeats, jobs, queues
-from service.rows.database import cameras, may_be_id, now
-from service.rows.database import jobs as rows
+from service.rows.clock import now
+from service.rows.database import may_be_id
 from service.rows.states import ENDED, HELD
+from service.rows.tables import cameras
+from service.rows.tables import jobs as rows
 
 _UNUSED_SECONDS = 86400.0  # after which a camera that nobody looks for is forgotten
 _USB = "ptp+usb://"
@@ -30,7 +32,7 @@ _SWITCH_LOCK = 0x11648  # any number but that of migrations
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera; seconds_ago: since it was last looked at. Columns: service.rows.database."""
+    """One camera; seconds_ago: since it was last looked at. Columns: service.rows.tables."""
 
     id: str
     address: str

@@ -5,8 +5,9 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from service.rows import queues
-from service.rows.database import jobs, now, workers
+from service.rows.clock import now
 from service.rows.states import State
+from service.rows.tables import jobs, workers
 
 
 def living_workers(connection: sa.Connection, silence_seconds: float) -> int:

@@ -10,8 +10,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.rows.database import jobs
 from service.rows.states import State
+from service.rows.tables import jobs
 
 
 def due(connection: sa.Connection, limit: int) -> list[str]:

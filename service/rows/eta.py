@@ -18,9 +18,10 @@ import sqlalchemy as sa
 
 from pipeline.progress import STAGES
 from service.rows.census import living_workers
-from service.rows.database import jobs, now
+from service.rows.clock import now
 from service.rows.jobs import Job
 from service.rows.states import HELD, State
+from service.rows.tables import jobs
 from service.settings import Settings
 
 _RECENT = 20  # jobs like one that its pace is told by

@@ -5,10 +5,11 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from service.rows import bursts
-from service.rows.database import jobs, moment, now
+from service.rows.clock import moment, now
 from service.rows.jobs import KEPT_FOR_SETUP
 from service.rows.moves import move, update
 from service.rows.states import State, before
+from service.rows.tables import jobs
 
 
 def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) -> int:

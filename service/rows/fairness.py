@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from service.rows import queues
-from service.rows.database import jobs
+from service.rows.tables import jobs
 
 COST = {"high": 1, "normal": 4, "low": 16}
 """How far a job of a priority puts its flow back."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service.rows.database import now, workers
+from service.rows.clock import now
+from service.rows.tables import workers
 
 
 def beat(connection: sa.Connection, worker: str) -> None:

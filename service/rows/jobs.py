@@ -18,9 +18,11 @@ from service import counters
 from service.frames import FRAMES
 from service.object_keys import captured_key
 from service.rows import fairness, queues, quotas
-from service.rows.database import CALIBRATES, jobs, may_be_id, now, once_committed
+from service.rows.clock import now
+from service.rows.database import may_be_id, once_committed
 from service.rows.moves import end, move
 from service.rows.states import ENDED, HELD, State
+from service.rows.tables import CALIBRATES, jobs
 
 Priority = Literal["high", "normal", "low"]
 
@@ -30,7 +32,7 @@ PAGE_CHARACTERS = 4 * 1024 * 1024
 
 @dataclass(frozen=True)
 class Job:
-    """One row of service.rows.database; times are seconds since 1970 by the database's clock."""
+    """One row of service.rows.tables; times are seconds since 1970 by the database's clock."""
 
     id: str
     revision: int

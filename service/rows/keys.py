@@ -20,7 +20,9 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.addresses import is_loopback
-from service.rows.database import keys, may_be_id, now
+from service.rows.clock import now
+from service.rows.database import may_be_id
+from service.rows.tables import keys
 from service.settings import Settings
 
 _ALPHABET = string.digits + string.ascii_uppercase + string.ascii_lowercase

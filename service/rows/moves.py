@@ -12,8 +12,10 @@ from typing import Any
 import sqlalchemy as sa
 
 from service import counters
-from service.rows.database import jobs, now, once_committed
+from service.rows.clock import now
+from service.rows.database import once_committed
 from service.rows.states import ENDED, State, before
+from service.rows.tables import jobs
 
 NO_REQUEST: dict[str, None] = {"request": None, "request_until": None}
 """Whatever follows a request ends it."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service.rows.database import jobs
 from service.rows.states import HELD, State
+from service.rows.tables import jobs
 
 CAPTURE = "capture"
 """The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""

@@ -6,8 +6,9 @@ import sqlalchemy as sa
 
 from pipeline.errors import counted
 from service.errors import QuotaError, StoredQuotaError
-from service.rows.database import jobs, keys, now, uploads
+from service.rows.clock import now
 from service.rows.states import State
+from service.rows.tables import jobs, keys, uploads
 
 _DAY_SECONDS = 86400
 _WAITING_RETRY_SECONDS = 10

@@ -17,7 +17,9 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.object_keys import UPLOADS
-from service.rows.database import may_be_id, now, uploads
+from service.rows.clock import now
+from service.rows.database import may_be_id
+from service.rows.tables import uploads
 from service.storage import Storage
 
 MAX_PARTS = 10_000
@@ -33,7 +35,7 @@ log = logging.getLogger("service.rows.uploads")
 
 @dataclass(frozen=True)
 class Upload:
-    """One row of service.rows.database. length, received: bytes. expires: seconds since 1970."""
+    """One row of service.rows.tables. length, received: bytes. expires: seconds since 1970."""
 
     id: str
     owner: str

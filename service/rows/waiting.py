@@ -8,9 +8,10 @@ from collections.abc import Iterable
 import sqlalchemy as sa
 
 from service.rows import queues
-from service.rows.database import jobs, moment
+from service.rows.clock import moment
 from service.rows.jobs import Job
 from service.rows.states import State
+from service.rows.tables import jobs
 
 _ORDER = (jobs.c.rank, jobs.c.created, jobs.c.id)
 

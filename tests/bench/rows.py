@@ -23,7 +23,7 @@ import sqlalchemy as sa
 
 from service import answers, dbos_queue, migrations
 from service.dbos_queue import Queue
-from service.rows import attempts, database, expiry, jobs, quotas, waiting
+from service.rows import attempts, database, expiry, jobs, quotas, tables, waiting
 from service.settings import Settings
 
 _SMALL, _LARGE = 1_000, 1_000_000
@@ -56,8 +56,8 @@ class Rows:
         for number in range(_WAITING):
             self.accept(f"owner{number % _OWNERS}")
         with self.engine.connect() as connection:
-            query = sa.select(database.jobs).where(database.jobs.c.owner == "owner1")
-            query = query.order_by(database.jobs.c.created)
+            query = sa.select(tables.jobs).where(tables.jobs.c.owner == "owner1")
+            query = query.order_by(tables.jobs.c.created)
             middle = connection.execute(query.offset(count // _OWNERS // 2).limit(1)).one()
             self._middle = middle.created, middle.id
             self._last = jobs.page(connection, "owner1", 1, None)[0]
@@ -67,8 +67,8 @@ class Rows:
         key = {"id": _LIMITED, "digest": "", "name": "", "scopes": [], "stored_bytes": 2**62}
         with self.engine.begin() as connection:
             worker = {"id": "worker", "seen": time.time() + _DAY}
-            connection.execute(sa.insert(database.workers), worker)
-            connection.execute(sa.insert(database.keys), key | {"created": time.time()})
+            connection.execute(sa.insert(tables.workers), worker)
+            connection.execute(sa.insert(tables.keys), key | {"created": time.time()})
 
     def _fill(self, count: int) -> None:
         """Insert jobs that have ended, of _OWNERS owners; those that were there, doubled."""
@@ -90,7 +90,7 @@ class Rows:
             {"id": uuid.uuid4().hex, "owner": f"owner{number % _OWNERS}", **ended}
             for number in range(_OWNERS)
         ]
-        table = database.jobs
+        table = tables.jobs
         fresh = {
             "id": sa.literal_column(_RANDOM_ID[self.engine.dialect.name]),
             "created": table.c.created + 1,

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 import sqlalchemy as sa
 
 from service.opening import open_storage
-from service.rows import database
+from service.rows import tables
 from service.rows.states import ENDED
 from tests.chaos.clients import Accepted, Clients, Ledger
 from tests.chaos.service import Service
@@ -95,7 +95,7 @@ def reckon(
 
 def _rows(engine: sa.Engine) -> Rows:
     with engine.connect() as connection:
-        return {row.id: row for row in connection.execute(sa.select(database.jobs))}
+        return {row.id: row for row in connection.execute(sa.select(tables.jobs))}
 
 
 def _keys(rows: Rows) -> Counter[str]:

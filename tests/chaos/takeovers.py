@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import sqlalchemy as sa
 
-from service.rows import database
+from service.rows import tables
 from service.rows.states import HELD
 from tests.chaos.processes import Process
 
@@ -37,7 +37,7 @@ class Takeovers:
     def held_by(self, workers: Iterable[Process]) -> list[tuple[str, int]]:
         """Jobs and attempts that these worker processes have."""
         marks = [f"-{worker.pid}-" for worker in workers]
-        rows = self._rows(database.jobs.c.state.in_(HELD))
+        rows = self._rows(tables.jobs.c.state.in_(HELD))
         return [
             (row.id, row.attempt)
             for row in rows
@@ -65,7 +65,7 @@ class Takeovers:
             with self._lock:
                 waiting = list(self._waiting)
             if waiting:
-                rows = self._rows(database.jobs.c.id.in_([job_id for job_id, _ in waiting]))
+                rows = self._rows(tables.jobs.c.id.in_([job_id for job_id, _ in waiting]))
                 self._note({row.id: row for row in rows})
 
     def _note(self, rows: dict[str, sa.Row[tuple[object, ...]]]) -> None:
@@ -82,7 +82,7 @@ class Takeovers:
                 del self._waiting[job_id, attempt]
 
     def _rows(self, which: sa.ColumnElement[bool]) -> list[sa.Row[tuple[object, ...]]]:
-        columns = [database.jobs.c[name] for name in ("id", "attempt", "state", "worker")]
+        columns = [tables.jobs.c[name] for name in ("id", "attempt", "state", "worker")]
         deadline = time.monotonic() + _PATIENCE_SECONDS
         while True:
             with contextlib.suppress(sa.exc.DBAPIError), self.engine.connect() as connection:

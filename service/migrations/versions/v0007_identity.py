@@ -7,7 +7,7 @@ import uuid
 import sqlalchemy as sa
 from alembic import op
 
-from service.rows.database import now
+from service.rows.clock import now
 
 revision = "0007"
 down_revision = "0006"

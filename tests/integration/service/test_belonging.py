@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from service import belonging, migrations
-from service.rows import database, uploads
+from service.rows import database, tables, uploads
 from service.storage import Storage
 
 
@@ -53,7 +53,7 @@ def test_a_bucket_from_before_names_goes_to_the_database_that_has_its_jobs(
     storage.put("jobs/a/inputs/flash", b"light")
     row = {"id": "a", "state": "queued", "options": {}, "trace_id": "1", "request_hash": ""}
     with production.begin() as connection:
-        connection.execute(sa.insert(database.jobs).values(created=1000.0, **row))
+        connection.execute(sa.insert(tables.jobs).values(created=1000.0, **row))
     assert belonging.standing(staging, storage) == "foreign"
     assert belonging.standing(production, storage) == "free"
     assert belonging.claim(production, storage)

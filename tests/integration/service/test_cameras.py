@@ -17,7 +17,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service.rows import cameras, database
+from service.rows import cameras, database, tables
 from tests.integration.service.real_service import Service
 
 FAST = {"quality": "fast", "lights": 2, "align": False, "outputs": ["layers.exr"]}
@@ -151,7 +151,7 @@ def _kill_worker_of(service: Any, job: dict[str, Any]) -> None:
 def test_of_two_names_of_one_camera_on_usb_one_is_used_at_a_time(postgresql: str) -> None:
     """Where rows are locked one by one, and that of a camera is made as it is first named."""
     engine = database.connect(postgresql)
-    database.metadata.create_all(engine)
+    tables.metadata.create_all(engine)
     both = threading.Barrier(2)
 
     def use(address: str) -> bool:
@@ -162,7 +162,7 @@ def test_of_two_names_of_one_camera_on_usb_one_is_used_at_a_time(postgresql: str
 
     def free() -> None:
         with engine.begin() as connection:
-            connection.execute(sa.delete(database.cameras))
+            connection.execute(sa.delete(tables.cameras))
 
     with ThreadPoolExecutor(2) as pool:
         for serial in range(50):

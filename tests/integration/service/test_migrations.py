@@ -17,7 +17,7 @@ from alembic.migration import MigrationContext
 from service import belonging, dbos_queue, migrations
 from service.cli import run
 from service.errors import StoredQuotaError
-from service.rows import database, expiry, jobs, quotas, waiting
+from service.rows import clock, database, expiry, jobs, quotas, tables, waiting
 from service.rows.states import State
 from tests.plans import plans
 
@@ -101,7 +101,7 @@ def test_the_steps_lead_to_the_tables_of_this_program(empty: sa.Engine) -> None:
     assert migrations.upgrade(empty) == (None, migrations.newest())
     with empty.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
-        assert compare_metadata(context, database.metadata) == []
+        assert compare_metadata(context, tables.metadata) == []
 
 
 def test_calibrations_are_found_by_their_index(empty: sa.Engine) -> None:
@@ -110,7 +110,7 @@ def test_calibrations_are_found_by_their_index(empty: sa.Engine) -> None:
     with empty.begin() as connection:
         many = [{"id": str(number), "likeness": "best-best", **row} for number in range(1000)]
         kept = {"id": "kept", "likeness": "calibrate-flash", **row, "options": {"setup": "default"}}
-        connection.execute(sa.insert(database.jobs), [*many, kept])
+        connection.execute(sa.insert(tables.jobs), [*many, kept])
         connection.exec_driver_sql("ANALYZE")
     with empty.connect() as connection, plans(empty) as found:
         assert [job.id for job in jobs.kept_calibrations(connection, "", "default")] == ["kept"]
@@ -122,11 +122,11 @@ def test_waiting_jobs_and_bytes_are_found_by_indexes(empty: sa.Engine) -> None:
     row = {"options": {"": "x" * 1000}, "trace_id": "1", "request_hash": "", "created": 1.0}
     key = {"id": "a", "digest": "", "name": "", "scopes": [], "created": 1.0, "stored_bytes": 199}
     with empty.begin() as connection:
-        connection.execute(sa.insert(database.keys), key)
+        connection.execute(sa.insert(tables.keys), key)
         for owner, count in (("", 1900), ("a", 100)):
             done = {"owner": owner, "state": "succeeded", "stored_bytes": 2, **row}
             many = [{"id": f"{owner}{number}", **done} for number in range(count)]
-            connection.execute(sa.insert(database.jobs), many)
+            connection.execute(sa.insert(tables.jobs), many)
         for job_id in ("first", "second"):
             jobs.add(connection, {**_values(job_id), "deadline": 1.0})
     with empty.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
@@ -147,10 +147,10 @@ def test_what_the_older_program_writes_meanwhile_is_complete(empty: sa.Engine) -
     migrations.upgrade(empty)
     with empty.begin() as connection:
         _add_old_jobs(connection)
-        for column in database.jobs.columns:
+        for column in tables.jobs.columns:
             if not column.nullable:
                 found = connection.execute(
-                    sa.select(sa.func.count()).select_from(database.jobs).where(column.is_(None))
+                    sa.select(sa.func.count()).select_from(tables.jobs).where(column.is_(None))
                 )
                 assert (column.name, found.scalar_one()) == (column.name, 0)
 
@@ -255,10 +255,10 @@ def test_an_older_database_is_named_once(empty: sa.Engine) -> None:
     migrations.upgrade(empty, "0006")
     with empty.begin() as connection:
         _add_old_jobs(connection)
-        started = connection.execute(sa.select(database.now())).scalar_one()
+        started = connection.execute(sa.select(clock.now())).scalar_one()
     migrations.upgrade(empty)
     with empty.connect() as connection:
-        row = connection.execute(sa.select(database.identity)).one()
+        row = connection.execute(sa.select(tables.identity)).one()
     assert len(row.id) == 32 and started <= row.created < started + 60
     migrations.upgrade(empty)
     assert belonging.id_of(empty) == row.id

@@ -15,7 +15,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service.rows import database
+from service.rows import database, tables
 from service.storage import Storage
 from tests.chaos.relay import Relay
 from tests.integration.service.real_service import Service
@@ -185,7 +185,7 @@ def test_a_worker_that_is_cut_off_counts_no_more(
 
     def workers() -> int:
         with engine.connect() as connection:
-            query = sa.select(sa.func.count()).select_from(database.workers)
+            query = sa.select(sa.func.count()).select_from(tables.workers)
             return connection.execute(query).scalar_one()
 
     assert workers() == 1

@@ -8,7 +8,7 @@ import sqlalchemy as sa
 
 from service import belonging, migrations
 from service.errors import StorageFullError
-from service.rows import database, jobs
+from service.rows import database, jobs, tables
 from service.storage import Storage
 from tests.unit.service.at_first import raising
 
@@ -43,7 +43,7 @@ def _add(engine: sa.Engine, storage: Storage, job_id: str, created: float | None
     with engine.begin() as connection:
         jobs.add(connection, row)
         if created is not None:
-            connection.execute(sa.update(database.jobs).values(created=created))
+            connection.execute(sa.update(tables.jobs).values(created=created))
 
 
 def _named(storage: Storage) -> str | None:

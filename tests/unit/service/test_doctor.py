@@ -22,7 +22,7 @@ from service.cli import run
 from service.doctor import Finding, examine
 from service.errors import StorageFullError
 from service.opening import WRONG_ADDRESS, open_database
-from service.rows import database, heartbeats, keys
+from service.rows import clock, database, heartbeats, keys
 from service.settings import MIB, Settings
 from service.storage import Storage
 from tests.ports import free_port
@@ -209,7 +209,7 @@ def test_a_clock_that_is_off_is_told(
     look: Look, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with context.engine.begin() as connection:
-        ahead = connection.execute(sa.select(database.now())).scalar_one() + 1000
+        ahead = connection.execute(sa.select(clock.now())).scalar_one() + 1000
     monkeypatch.setattr("service.doctor.time", SimpleNamespace(time=lambda: ahead))
     found = look()["clock"]
     assert found.grade == "wrong"

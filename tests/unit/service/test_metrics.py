@@ -11,7 +11,7 @@ from prometheus_client import REGISTRY, CollectorRegistry, generate_latest
 
 from service import metrics
 from service.errors import MalformedRequestError, StartError
-from service.rows import attempts, database, heartbeats, jobs
+from service.rows import attempts, heartbeats, jobs, tables
 from service.settings import Settings
 
 
@@ -45,7 +45,7 @@ def test_what_is_in_the_database_is_asked_for_at_each_look(engine: sa.Engine) ->
     with engine.begin() as connection:
         heartbeats.beat(connection, "w")
         attempts.claim(connection, "b", "w")
-        connection.execute(sa.update(database.jobs).values(created=database.jobs.c.created - 60))
+        connection.execute(sa.update(tables.jobs).values(created=tables.jobs.c.created - 60))
     told = dict(line.rsplit(" ", 1) for line in _told(engine))
     assert told["lightlayers_database_up"] == "1.0"
     assert told['lightlayers_jobs{state="queued"}'] == "1.0"

@@ -14,7 +14,7 @@ from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
 from service.retention import Sweep
-from service.rows import attempts, cameras, database, deliveries, expiry, heartbeats, uploads
+from service.rows import attempts, cameras, deliveries, expiry, heartbeats, tables, uploads
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
@@ -55,8 +55,8 @@ def _files(context: Context) -> list[str]:
 
 def _expires(context: Context, job_id: str, when: float | None) -> None:
     with context.engine.begin() as connection:
-        this = database.jobs.c.id == job_id
-        connection.execute(sa.update(database.jobs).where(this).values(expires=when))
+        this = tables.jobs.c.id == job_id
+        connection.execute(sa.update(tables.jobs).where(this).values(expires=when))
 
 
 def test_a_job_past_its_time_goes_with_its_files_and_no_other(
@@ -98,9 +98,9 @@ def test_a_job_whose_webhook_is_to_be_told_stays_until_it_is(
     ended = rows_of(context)[0].finished
     assert ended is not None
     with context.engine.begin() as connection:
-        this = database.jobs.c.id == job_id
+        this = tables.jobs.c.id == job_id
         began = {"finished": ended - 60, "expires": ended - 30}  # kept for half a minute
-        connection.execute(sa.update(database.jobs).where(this).values(**began))
+        connection.execute(sa.update(tables.jobs).where(this).values(**began))
         if delivery:
             deliveries.write(connection, job_id, {"state": delivery, "attempts": 1})
     sweep.run(thorough=False)
@@ -344,8 +344,8 @@ def test_a_full_disk_takes_no_files_of_a_job_whose_webhook_is_to_be_told(
     finish(job_id, {"manifest.json": b"{}"})
     _expires(context, job_id, time.time() - 1)
     with context.engine.begin() as connection:
-        this = database.jobs.c.id == job_id
-        connection.execute(sa.update(database.jobs).where(this).values(finished=1.0))
+        this = tables.jobs.c.id == job_id
+        connection.execute(sa.update(tables.jobs).where(this).values(finished=1.0))
         if delivery:
             deliveries.write(connection, job_id, {"state": delivery, "attempts": 1})
     sweep.make_room()

@@ -12,7 +12,7 @@ from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 from pipeline.taken_with import TakenWith
 from service.api.context import Context
-from service.rows import cameras, database, jobs, kept
+from service.rows import cameras, jobs, kept, tables
 from tests.unit.service.asking import ended_while_waiting, problem_of
 from tests.unit.service.studio import ask_in_process
 
@@ -212,7 +212,7 @@ def test_a_calibration_that_has_succeeded_answers_what_it_was_found_with(
         row = jobs.find(connection, made["id"])
         assert row is not None and row.inputs is not None
         inputs = kept.with_camera(row.inputs, taken_with.model_dump())
-        table = database.jobs
+        table = tables.jobs
         connection.execute(table.update().where(table.c.id == row.id).values(inputs=inputs))
     finish(made["id"], {FILES["lamps"]: TABLES["lamps"]})
     separation = post("/jobs", {}).json()

@@ -15,8 +15,8 @@ from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
-from service.rows import database, keys
-from service.rows.database import now
+from service.rows import keys, tables
+from service.rows.clock import now
 from service.settings import Settings
 from tests.unit.service.asking import (
     bearing,
@@ -123,7 +123,7 @@ class TestRequired:
     ) -> None:
         key = bearing(context, "read")
         with context.engine.begin() as connection:
-            connection.execute(sa.update(database.keys).values(used=now() - ago))
+            connection.execute(sa.update(tables.keys).values(used=now() - ago))
             before = keys.list_keys(connection)[0].used
         assert http.get("/jobs", headers=key).status_code == 200
         with context.engine.connect() as connection:

@@ -15,7 +15,7 @@ from service.api import job_updates
 from service.api.callers import Caller, Standing
 from service.api.context import Context
 from service.api.job_updates import JobUpdates
-from service.rows import attempts, database, deliveries, expiry, jobs
+from service.rows import attempts, deliveries, expiry, jobs, tables
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 from tests.unit.service.receiver import SECRET
@@ -304,4 +304,4 @@ def test_a_webhook_that_cannot_be_told_is_refused(
     assert detail.startswith(why)
     assert "secretword" not in detail and "AAAA" not in detail
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.jobs.c.id)).all() == []
+        assert connection.execute(sa.select(tables.jobs.c.id)).all() == []

@@ -12,7 +12,7 @@ from fastapi import FastAPI
 
 from service.api import health
 from service.api.context import Context
-from service.rows import database, heartbeats
+from service.rows import heartbeats, tables
 from service.storage import Storage
 from tests.unit.service.asking import problem_of
 
@@ -116,7 +116,7 @@ def test_a_service_whose_worker_is_silent_is_not_ready(
     http: httpx.Client, context: Context
 ) -> None:
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.workers).values(seen=database.workers.c.seen - 100))
+        connection.execute(sa.update(tables.workers).values(seen=tables.workers.c.seen - 100))
     assert "no worker lives, so start one" in _not_ready(http)
 
 

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 
 from service.api.context import Context
 from service.api.zips import Member, stored_zip
-from service.rows import database
+from service.rows import tables
 from tests.unit.service.asking import post_capture, post_pair, rows_of
 
 Png = Callable[..., bytes]
@@ -46,7 +46,7 @@ def _is_harmless(answer: httpx.Response, context: Context) -> bool:
     assert b"3659569" not in answer.content  # 1913²: nothing was worked out
     assert answer.headers["content-type"].startswith(("application/problem+json", "application/js"))
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(sa.func.count()).select_from(database.jobs)).scalar()
+        assert connection.execute(sa.select(sa.func.count()).select_from(tables.jobs)).scalar()
     return True
 
 

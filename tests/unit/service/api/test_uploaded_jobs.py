@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from service.api.context import Context
 from service.api.uploaded_pairs import bring_uploaded
 from service.frames import FRAMES
-from service.rows import database
+from service.rows import tables
 from tests.unit.service.asking import problem_of, rows_of
 from tests.unit.service.uploading import create, patch, upload
 
@@ -128,8 +128,8 @@ class TestJobs:
         context: Context,
     ) -> None:
         with context.engine.begin() as connection:
-            one = database.uploads.c.id == pair[frame]
-            connection.execute(sa.update(database.uploads).where(one).values(change))
+            one = tables.uploads.c.id == pair[frame]
+            connection.execute(sa.update(tables.uploads).where(one).values(change))
         assert problem_of(http.post("/jobs", json={"uploads": pair})) == (
             422,
             "invalid-option",

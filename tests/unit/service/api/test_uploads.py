@@ -18,7 +18,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.api.context import Context
-from service.rows import database, uploads
+from service.rows import tables, uploads
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import problem_of
@@ -81,7 +81,7 @@ class TestProtocol:
         headers = {**PIECE, "Upload-Length": "6", **more}
         assert problem_of(http.post("/uploads", headers=headers, content=data))[0] == status
         with context.engine.connect() as connection:
-            assert connection.execute(sa.select(database.uploads)).all() == []
+            assert connection.execute(sa.select(tables.uploads)).all() == []
 
     def test_an_upload_may_come_in_so_many_pieces(
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
@@ -205,7 +205,7 @@ class TestProtocol:
     def test_an_expired_upload_is_gone(self, http: httpx.Client, context: Context) -> None:
         place = create(http, 6)
         with context.engine.begin() as connection:
-            connection.execute(sa.update(database.uploads).values(expires=1.0))
+            connection.execute(sa.update(tables.uploads).values(expires=1.0))
         assert problem_of(patch(http, place, 0, b"abc"))[:2] == (410, "upload-expired")
         assert http.head(place, headers=TUS).status_code == 410
 
@@ -214,7 +214,7 @@ class TestProtocol:
     ) -> None:
         place = create(http, 6)
         with context.engine.begin() as connection:
-            connection.execute(sa.update(database.uploads).values(owner="somebody"))
+            connection.execute(sa.update(tables.uploads).values(owner="somebody"))
         assert problem_of(patch(http, place, 0, b"abc"))[:2] == (404, "unknown-upload")
         assert problem_of(http.delete(place, headers=TUS))[0] == 404
         assert http.head(place, headers=TUS).status_code == 404

@@ -12,7 +12,7 @@ from service.api.context import Context
 from service.cli import run
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key
-from service.rows import attempts, cameras, database, jobs, keys
+from service.rows import attempts, cameras, jobs, keys, tables
 from service.rows.states import State
 from service.settings import Settings
 from tests.unit.service.asking import bearing, owner_of, stored
@@ -78,7 +78,7 @@ def test_all_times_of_a_job_are_shown_as_dates(
     moments = ("created", "started", "finished", "deadline", "expires", "request_until", "eta")
     with context.engine.begin() as connection:
         known = {name: 86400.0 * day for day, name in enumerate(moments, 1)}
-        connection.execute(sa.update(database.jobs).values(known))
+        connection.execute(sa.update(tables.jobs).values(known))
     assert run(["jobs", "show", "a"]) == 0
     job = json.loads(capsys.readouterr().out)
     assert {name: job[name] for name in moments} == {
@@ -117,7 +117,7 @@ def test_a_captured_job_is_made_anew_with_its_pair(
     with context.engine.begin() as connection:
         camera = cameras.add(connection, "sim://studio")
         captured = {"camera": camera, "capture": {"camera": "sim://studio"}, "stored_bytes": 13}
-        row = sa.update(database.jobs).values(**captured, camera_settings=settings)
+        row = sa.update(tables.jobs).values(**captured, camera_settings=settings)
         connection.execute(row)
     _fail(context)
     assert run(["jobs", "retry", "a"]) == 0
@@ -138,7 +138,7 @@ def test_a_job_beyond_the_quotas_of_its_owner_is_not_made_anew(
 ) -> None:
     owner = owner_of(bearing(context, "submit", jobs_per_day=0))
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(owner=owner))
+        connection.execute(sa.update(tables.jobs).values(owner=owner))
     _fail(context)
     assert run(["jobs", "retry", "a"]) == 2
     assert "This key may make 0 jobs a day" in capsys.readouterr().err
@@ -257,7 +257,7 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
         held = cameras.claim(connection, "c", "w")
         assert held is not None
         attempts.fail(connection, held, {"type": "urn:lightlayers:problem:camera-failed"})
-        connection.execute(sa.update(database.cameras).values(host=host))
+        connection.execute(sa.update(tables.cameras).values(host=host))
     assert run(["jobs", "retry", "c"]) == 0
     new_id = capsys.readouterr().out.strip()
     with context.engine.connect() as connection:
@@ -308,7 +308,7 @@ def test_options_that_a_job_cannot_have_any_more_are_told_at_once(
 ) -> None:
     monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(options={"neutral": "D655"}))
+        connection.execute(sa.update(tables.jobs).values(options={"neutral": "D655"}))
     _fail(context)
     assert _refused(context, capsys) == (
         "neutral: No neutral light spectrum is called 'D655': near names are D65, D55, ID65, D75.\n"
@@ -355,7 +355,7 @@ def test_a_mix_of_what_cannot_be_mixed_is_not_made_anew(
     assert run(["jobs", "retry", "m"]) == 2
     assert "The job is failed; there will be no results" in capsys.readouterr().err
     with context.engine.begin() as connection:
-        connection.execute(sa.delete(database.jobs).where(database.jobs.c.id == "a"))
+        connection.execute(sa.delete(tables.jobs).where(tables.jobs.c.id == "a"))
     assert run(["jobs", "retry", "m"]) == 2
     assert "There is no job 'a'" in capsys.readouterr().err
     assert _ids(context) == ["m"]
@@ -385,7 +385,7 @@ def test_what_settings_have_come_to_forbid_is_not_reached_by_a_job_made_anew(
 ) -> None:
     untaken = {"inputs": None} if "capture" in row else {}
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(row | untaken))
+        connection.execute(sa.update(tables.jobs).values(row | untaken))
     _fail(context)
     monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
     assert _refused(context, capsys).startswith(said)
@@ -407,7 +407,7 @@ def test_a_key_that_has_ended_reaches_nothing_by_a_job_made_anew(
 ) -> None:
     owner = owner_of(bearing(context, "submit", "capture"))
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(row | {"owner": owner}))
+        connection.execute(sa.update(tables.jobs).values(row | {"owner": owner}))
         assert not keys.has_ended(connection, owner)
         keys.revoke(connection, owner)
         assert keys.has_ended(connection, owner)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import attempts, database, expiry, heartbeats, jobs
+from service.rows import attempts, expiry, heartbeats, jobs, tables
 from service.rows.states import State
 from tests.unit.service.asking import stored
 from tests.unit.service.job_rows import added, claim, claimed, in_state
@@ -61,7 +61,7 @@ def test_a_job_has_started_with_its_first_attempt(engine: sa.Engine) -> None:
     added(engine, "a")
     claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(started=5.0))
+        connection.execute(sa.update(tables.jobs).values(started=5.0))
     _dies(engine, "w1")
     assert claimed(engine, "a", "w2").started == 5.0
 

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service.rows import attempts, cameras, database, heartbeats, jobs, queues, waiting
+from service.rows import attempts, cameras, heartbeats, jobs, queues, tables, waiting
 from service.rows.states import State
 
 ADDRESS = "ptp+ip://192.168.1.20"
@@ -313,7 +313,7 @@ def _see(engine: sa.Engine, address: str, host: str | None, answered: bool = Tru
 def _work_on(engine: sa.Engine, *hosts: str) -> None:
     """Have a worker live on each of these hosts, and no other."""
     with engine.begin() as connection:
-        connection.execute(sa.delete(database.workers))
+        connection.execute(sa.delete(tables.workers))
         for host in hosts:
             heartbeats.beat(connection, f"{host}-123-0a1b2c3d")
 
@@ -408,5 +408,5 @@ def test_cameras_that_nobody_uses_are_forgotten(engine: sa.Engine) -> None:
         first = cameras.add(connection, "sim://studio?lights=2")
         assert cameras.take(connection, first, 60)  # a look that goes on
         cameras.forget_unused(connection)
-        left = connection.execute(sa.select(database.cameras.c.address)).scalars().all()
+        left = connection.execute(sa.select(tables.cameras.c.address)).scalars().all()
     assert sorted(left) == [OTHER, "sim://studio", "sim://studio?lights=2"]

@@ -7,7 +7,7 @@ import psycopg.errors
 import pytest
 import sqlalchemy as sa
 
-from service.rows import cameras, database, jobs, keys, uploads
+from service.rows import cameras, database, jobs, keys, tables, uploads
 from service.rows.database import once_committed
 
 
@@ -20,7 +20,7 @@ def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> 
 def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("data") / "new" / "folder" / "jobs.sqlite"
     engine = database.connect(f"sqlite:///{path}")
-    database.metadata.create_all(engine)
+    tables.metadata.create_all(engine)
     engine.dispose()
     assert path.exists()
     assert path.parent.stat().st_mode & 0o777 == 0o700
@@ -34,7 +34,7 @@ def test_a_folder_that_is_there_keeps_its_rights(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_told_from_a_database_that_is_away(tmp_path: Path) -> None:
     engine = database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}")
-    database.metadata.create_all(engine)
+    tables.metadata.create_all(engine)
     with engine.connect() as connection:
         connection.exec_driver_sql("PRAGMA max_page_count = 1")
         with pytest.raises(sa.exc.OperationalError) as caught:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service.rows import attempts, database, eta, heartbeats, jobs, waiting
+from service.rows import attempts, clock, eta, heartbeats, jobs, tables, waiting
 from service.settings import Settings
 from tests.plans import plans
 
@@ -65,7 +65,7 @@ def test_a_pace_is_learnt_from_jobs_alike(connection: sa.Connection) -> None:
 def test_only_the_last_jobs_count(connection: sa.Connection) -> None:
     for number in range(25):
         _done(connection, f"{number:02}", {"layers": 100.0 if number < 5 else 1.0})
-        moved = sa.update(database.jobs).where(database.jobs.c.id == f"{number:02}")
+        moved = sa.update(tables.jobs).where(tables.jobs.c.id == f"{number:02}")
         connection.execute(moved.values(created=float(number)))
     _add(connection, "a")
     pace = eta.pace_of(connection, _job(connection, "a"))
@@ -110,7 +110,7 @@ def test_what_is_left_of_an_unknown_pace_is_unknown() -> None:
 def _etas(connection: sa.Connection, *shown: str, **settings: Any) -> dict[str, float]:
     found = [_job(connection, job_id) for job_id in shown]
     places = waiting.positions(connection, found)
-    moment: float = connection.execute(sa.select(database.now())).scalar_one()
+    moment: float = connection.execute(sa.select(clock.now())).scalar_one()
     ends = eta.etas(connection, Settings(**settings), found, places)
     return {job_id: end - moment for job_id, end in ends.items()}
 
@@ -137,7 +137,7 @@ def test_a_waiting_job_ends_after_those_before_it(connection: sa.Connection) -> 
     _done(connection, "0", {"layers": 100.0})
     for job_id in "abc":
         _add(connection, job_id)
-        moved = sa.update(database.jobs).where(database.jobs.c.id == job_id)
+        moved = sa.update(tables.jobs).where(tables.jobs.c.id == job_id)
         connection.execute(moved.values(created=1e9 + ord(job_id)))
     _add(connection, "new kind", likeness="calibrate-flash bytes-40")
     assert attempts.claim(connection, "a", "w1")
@@ -157,7 +157,7 @@ def test_without_a_living_worker_nothing_is_promised(connection: sa.Connection) 
     assert _etas(connection, "a") == {}
     heartbeats.beat(connection, "w1")
     assert _etas(connection, "a") == {"a": pytest.approx(100, abs=5)}
-    connection.execute(sa.update(database.workers).values(seen=0.0))
+    connection.execute(sa.update(tables.workers).values(seen=0.0))
     assert _etas(connection, "a") == {}
 
 

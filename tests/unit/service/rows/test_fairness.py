@@ -5,7 +5,7 @@ import itertools
 import pytest
 import sqlalchemy as sa
 
-from service.rows import attempts, database, jobs, queues
+from service.rows import attempts, jobs, queues, tables
 from service.rows.fairness import MAX_RANK
 
 _numbers = itertools.count()
@@ -22,9 +22,9 @@ def _add(engine: sa.Engine, owner: str, priority: str = "normal", camera: str | 
 
 def _go(engine: sa.Engine, end: bool = True, camera: str | None = None) -> str:
     """Have a worker take the job that is first; its id. camera: in the camera's queue."""
-    order = (database.jobs.c.rank, database.jobs.c.created, database.jobs.c.id)
+    order = (tables.jobs.c.rank, tables.jobs.c.created, tables.jobs.c.id)
     with engine.begin() as connection:
-        waiting = sa.select(database.jobs.c.id).where(queues.waits_in_queue(camera))
+        waiting = sa.select(tables.jobs.c.id).where(queues.waits_in_queue(camera))
         job_id: str = connection.execute(waiting.order_by(*order).limit(1)).scalar_one()
         held = attempts.claim(connection, job_id, "w", queues.CAPTURE if camera else None)
         assert held is not None
@@ -161,7 +161,7 @@ def test_ranks_start_again_when_the_queue_is_empty(engine: sa.Engine) -> None:
 def test_ranks_end_where_the_queue_can_count_no_further(priority: str, engine: sa.Engine) -> None:
     first = _add(engine, "a")
     with engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(rank=MAX_RANK))
+        connection.execute(sa.update(tables.jobs).values(rank=MAX_RANK))
     second = _add(engine, "a", priority)
     assert _rank(engine, second) <= MAX_RANK
     assert {_go(engine), _go(engine)} == {first, second}

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 
-from service.rows import database, jobs
+from service.rows import jobs, tables
 from service.rows.states import State
 from tests.plans import plans
 from tests.unit.service.asking import stored
@@ -14,8 +14,8 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     for job_id in "abcdef":
         added(engine, job_id)
     with engine.begin() as connection:  # some of one moment
-        rounded = sa.func.round(database.jobs.c.created)
-        connection.execute(sa.update(database.jobs).values(created=rounded))
+        rounded = sa.func.round(tables.jobs.c.created)
+        connection.execute(sa.update(tables.jobs).values(created=rounded))
     created = [stored(engine, job_id) for job_id in "cafebd"]
     expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
     with engine.connect() as connection:

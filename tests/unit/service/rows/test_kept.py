@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from pipeline.calibration.kept import Kept
 from pipeline.options import Spectrum
 from pipeline.taken_with import TakenWith
-from service.rows import database, jobs, kept
+from service.rows import jobs, kept, tables
 from service.rows.jobs import Job
 from tests.plans import plans
 
@@ -36,7 +36,7 @@ def make(engine: sa.Engine) -> Make:
         with engine.begin() as connection:
             jobs.add(connection, values)
             ended = {"state": "succeeded", "created": at, "finished": at + 5, "attempt": 1}
-            table = database.jobs
+            table = tables.jobs
             connection.execute(
                 table.update().where(table.c.id == name).values({**ended, **more.get("end", {})})
             )
@@ -66,7 +66,7 @@ def test_once_the_newest_is_deleted_the_one_before_is_given(engine: sa.Engine, m
     make("old", 100)
     make("new", 200)
     with engine.begin() as connection:
-        connection.execute(database.jobs.delete().where(database.jobs.c.id == "new"))
+        connection.execute(tables.jobs.delete().where(tables.jobs.c.id == "new"))
     assert _names(engine, make, setup="default") == ["old"]
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 import sqlalchemy as sa
 
-from service.rows import database, keys
+from service.rows import keys, tables
 from service.rows.keys import Quotas, Scope
 from service.settings import Settings
 
@@ -32,7 +32,7 @@ def test_a_key_is_found_with_all_that_it_was_made_with(connection: sa.Connection
 
 def test_the_database_has_a_digest_and_no_key(connection: sa.Connection) -> None:
     text = _make(connection)
-    row = connection.execute(sa.select(database.keys)).one()
+    row = connection.execute(sa.select(tables.keys)).one()
     assert re.fullmatch("[0-9a-f]{64}", row.digest)
     assert text[14:] not in repr(row)
 
@@ -63,12 +63,12 @@ def test_what_is_no_key_is_not_found(text: str, connection: sa.Connection) -> No
 def test_a_key_of_another_database_is_not_found(connection: sa.Connection) -> None:
     text = _make(connection)
     other = _make(connection)
-    connection.execute(sa.delete(database.keys).where(database.keys.c.id == keys.id_of(text)))
+    connection.execute(sa.delete(tables.keys).where(tables.keys.c.id == keys.id_of(text)))
     assert keys.is_key(text) and keys.find(connection, text) is None
     # nor one that has the id of a known key, a good checksum and another secret
     connection.execute(
-        sa.update(database.keys)
-        .where(database.keys.c.id == keys.id_of(other))
+        sa.update(tables.keys)
+        .where(tables.keys.c.id == keys.id_of(other))
         .values(id=keys.id_of(text))
     )
     assert keys.find(connection, text) is None
@@ -115,7 +115,7 @@ def test_use_is_noted_to_the_hour(connection: sa.Connection) -> None:
     (first,) = keys.list_keys(connection)
     keys.note_use(connection, key)
     assert keys.list_keys(connection) == [first] and first.used is not None
-    connection.execute(sa.update(database.keys).values(used=first.used - keys.USED_SECONDS - 1))
+    connection.execute(sa.update(tables.keys).values(used=first.used - keys.USED_SECONDS - 1))
     keys.note_use(connection, key)
     assert (keys.list_keys(connection)[0].used or 0) >= first.used
 

@@ -6,13 +6,13 @@ import pytest
 import sqlalchemy as sa
 from prometheus_client import REGISTRY
 
-from service.rows import database, moves
+from service.rows import moves, tables
 from service.rows.states import State
 from tests.unit.service.asking import stored
 from tests.unit.service.job_rows import added, claimed
 
 ALL = sa.true()
-A = database.jobs.c.id == "a"
+A = tables.jobs.c.id == "a"
 
 
 def _count(state: State) -> float:
@@ -34,7 +34,7 @@ def test_a_move_leaves_jobs_from_where_there_is_no_way(engine: sa.Engine) -> Non
     with engine.begin() as connection:
         assert not moves.move(connection, State.SUCCEEDED, A, fraction=1.0)
         assert not moves.end(connection, A, State.SUCCEEDED, 60)
-        assert not moves.move(connection, State.RUNNING, database.jobs.c.id == "nothing")
+        assert not moves.move(connection, State.RUNNING, tables.jobs.c.id == "nothing")
     assert (stored(engine, "a"), _count(State.SUCCEEDED)) == (before, ended)
 
 
@@ -67,7 +67,7 @@ def test_a_job_that_ends_is_nobodys_any_more(state: State, engine: sa.Engine) ->
     added(engine, "a", eta=5.0)
     claimed(engine, "a", "w")
     with engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(eta=5.0))
+        connection.execute(sa.update(tables.jobs).values(eta=5.0))
         assert moves.end(connection, A, state, None, error={"detail": "too dark"})
     job = stored(engine, "a")
     assert (job.state, job.worker, job.eta, job.expires) == (state, None, None, None)

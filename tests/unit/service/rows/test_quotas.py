@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from service.api.context import Context
 from service.errors import QuotaError
-from service.rows import cameras, database, jobs, quotas
+from service.rows import cameras, clock, jobs, quotas, tables
 from tests.unit.service.asking import bearing, owner_of, post_capture, post_pair, problem_of
 
 Png = Callable[..., bytes]
@@ -81,7 +81,7 @@ def test_a_burst_is_charged_once(http: httpx.Client, context: Context) -> None:
     assert http.post(burst, json={"pairs": 3}, headers=key).status_code == 202
     assert len(sums) == 3  # before the body is read, once it is, and with all the rows
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 4
+        assert connection.execute(sa.select(tables.keys.c.jobs_of_day)).scalar_one() == 4
     refused = http.post(burst, json={"pairs": 2}, headers=key)
     assert problem_of(refused)[:2] == (429, "quota-exceeded")
 
@@ -100,7 +100,7 @@ def test_bursts_at_once_do_not_get_past_a_quota(
     with ThreadPoolExecutor(4) as pool:
         assert sorted(pool.map(ask, range(4))) == [202] * 2 + [429] * 2
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 7
+        assert connection.execute(sa.select(tables.keys.c.jobs_of_day)).scalar_one() == 7
 
 
 def test_jobs_of_a_day_count_even_if_they_are_deleted(http: httpx.Client, context: Context) -> None:
@@ -111,7 +111,7 @@ def test_jobs_of_a_day_count_even_if_they_are_deleted(http: httpx.Client, contex
     refused = http.post("/jobs", json=CAPTURE, headers=key)
     assert problem_of(refused)[:2] == (429, "quota-exceeded")
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.keys).values(day=database.keys.c.day - 1))
+        connection.execute(sa.update(tables.keys).values(day=tables.keys.c.day - 1))
     post_capture(http, **key)
 
 
@@ -154,7 +154,7 @@ def test_a_pair_that_does_not_fit_is_not_kept(
     assert problem_of(refused)[:2] == (403, "stored-quota")
     assert context.storage.list("") == []
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.jobs)).all() == []
+        assert connection.execute(sa.select(tables.jobs)).all() == []
 
 
 @pytest.mark.parametrize("quota", ["waiting_jobs", "jobs_per_day"])
@@ -177,7 +177,7 @@ def test_a_charge_of_a_refused_job_is_taken_back(context: Context) -> None:
     with pytest.raises(QuotaError), context.engine.begin() as connection:
         quotas.charge(connection, owner)
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 1
+        assert connection.execute(sa.select(tables.keys.c.jobs_of_day)).scalar_one() == 1
 
 
 def test_uploads_that_no_job_has_taken_count(http: httpx.Client, context: Context) -> None:
@@ -213,7 +213,7 @@ def test_uploads_that_have_expired_count_no_more(http: httpx.Client, context: Co
     headers = key | {"tus-resumable": "1.0.0", "upload-length": "100"}
     assert problem_of(http.post("/uploads", headers=headers))[:2] == (403, "stored-quota")
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.uploads).values(expires=database.now() - 1))
+        connection.execute(sa.update(tables.uploads).values(expires=clock.now() - 1))
     assert http.post("/uploads", headers=headers).status_code == 201
 
 
@@ -253,7 +253,7 @@ def test_uploads_that_become_a_job_count_once(
     ids = {frame: _upload(http, data, len(data), key) for frame, data in pair.items()}
     assert http.post("/jobs", json={"uploads": ids}, headers=key).status_code == 202
     with context.engine.connect() as connection:
-        assert connection.execute(sa.select(database.jobs.c.stored_bytes)).scalar_one() == size
+        assert connection.execute(sa.select(tables.jobs.c.stored_bytes)).scalar_one() == size
     assert problem_of(post_pair(http, *pair.values(), headers=key))[:2] == (403, "stored-quota")
 
 

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service.rows import database, uploads
+from service.rows import tables, uploads
 from service.storage import Storage
 from tests.unit.service.full_disk import full_disk
 
@@ -93,7 +93,7 @@ def test_what_is_expired_and_what_is_nobodys_goes(engine: sa.Engine, storage: St
     storage.put("jobs/1/inputs/flash", b"abc")
     with engine.begin() as connection:
         connection.execute(
-            sa.update(database.uploads).where(database.uploads.c.id == "over").values(expires=1.0)
+            sa.update(tables.uploads).where(tables.uploads.c.id == "over").values(expires=1.0)
         )
     uploads.remove_expired(engine, storage, strays=True)
     upload = _find(engine, "kept")
@@ -119,7 +119,7 @@ def test_an_upload_that_is_over_just_now_stays(engine: sa.Engine, storage: Stora
     _add(engine, "1", 6)
     assert _append(engine, storage, _find(engine, "1"), b"abc")
     with engine.begin() as connection:
-        connection.execute(sa.update(database.uploads).values(expires=time.time() - 60))
+        connection.execute(sa.update(tables.uploads).values(expires=time.time() - 60))
     uploads.remove_expired(engine, storage, strays=True)
     assert _find(engine, "1").expired
     assert len(storage.list("uploads/1/")) == 1

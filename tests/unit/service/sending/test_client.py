@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from pipeline.options import Options
 from service.api.context import Context
-from service.rows import attempts, database
+from service.rows import attempts, tables
 from service.sending.client import Client, Job
 from service.sending.failures import RefusedError, ServiceAwayError
 from tests.unit.service.asking import bearing, rows_of
@@ -262,7 +262,7 @@ def test_a_server_of_something_else_is_not_asked_again(
 def test_a_job_that_has_expired_is_told(client: Client, context: Context) -> None:
     job = client.submit_capture("sim://studio", Options())
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(state="expired"))
+        connection.execute(sa.update(tables.jobs).values(state="expired"))
     with pytest.raises(RefusedError, match="expired"):
         client.wait(job, _ignore)
 

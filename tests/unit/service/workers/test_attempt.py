@@ -20,7 +20,7 @@ from service.api.context import Context
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
-from service.rows import attempts, database, expiry, jobs, kept
+from service.rows import attempts, expiry, jobs, kept, tables
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
@@ -124,7 +124,7 @@ def test_results_of_lost_attempts_go_however_the_job_ends(
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         held = claim(connection, job_id, worker)
-        connection.execute(sa.update(database.jobs).values(attempt=3))
+        connection.execute(sa.update(tables.jobs).values(attempt=3))
         return held and replace(held, attempt=3)
 
     monkeypatch.setattr(attempts, "claim", third)

@@ -13,7 +13,7 @@ from obstore.exceptions import GenericError
 from service import counters, dbos_queue
 from service.dbos_queue import Held
 from service.errors import StartError
-from service.rows import attempts, database, heartbeats, jobs
+from service.rows import attempts, heartbeats, jobs, tables
 from service.rows.database import AWAY
 from service.rows.states import State
 from service.storage import Storage
@@ -220,10 +220,10 @@ def test_a_heartbeat_outlives_what_breaks_it(
         one.upkeep.keep()
     assert "no such workflow" in caplog.text
     with one._engine.begin() as connection:
-        connection.execute(sa.delete(database.workers))
+        connection.execute(sa.delete(tables.workers))
     one.upkeep.keep()
     with one._engine.connect() as connection:
-        assert connection.execute(sa.select(database.workers.c.id)).scalars().all() == [one.id]
+        assert connection.execute(sa.select(tables.workers.c.id)).scalars().all() == [one.id]
 
 
 @pytest.mark.parametrize("error", AWAY)

@@ -16,7 +16,7 @@ from obstore.exceptions import GenericError
 
 from service import dbos_queue, metrics
 from service.object_keys import results_key
-from service.rows import attempts, cameras, database, jobs
+from service.rows import attempts, cameras, jobs, tables
 from service.rows.states import State
 from service.workers.attempt import Attempt
 from service.workers.outcome import Outcome
@@ -279,7 +279,7 @@ def test_the_flash_of_a_job_that_is_gone_is_left_off_unless_another_job_has_its_
         _capturing(one, one.id)
         with one._engine.begin() as connection:
             capture = {"camera": "sim://studio", "flash": flash}
-            connection.execute(sa.update(database.jobs).values(capture=capture))
+            connection.execute(sa.update(tables.jobs).values(capture=capture))
     one.capture("gone")
     assert told_off == ([] if flash == "external" else ["relay {state}"])
 
@@ -293,7 +293,7 @@ def test_the_flash_of_a_capture_whose_worker_died_is_left_off_though_no_attempt_
         if end == State.CANCELED:
             jobs.request_cancel(connection, "a")
         else:
-            connection.execute(sa.update(database.jobs).values(lost=attempts.LOST_ATTEMPTS - 1))
+            connection.execute(sa.update(tables.jobs).values(lost=attempts.LOST_ATTEMPTS - 1))
     one.capture("a")
     assert (_find(one).state, told_off) == (end, ["relay {state}"])
 
