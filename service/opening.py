@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import dbos_queue, migrations
+from service import migrations
+from service.dbos_queue import queue
 from service.errors import StartError
 from service.problems import cause_of
 from service.rows import database
@@ -66,7 +67,7 @@ def migrate_database(settings: Settings) -> tuple[str | None, str]:
 
 
 def _migrate(connected: sa.Engine) -> tuple[str | None, str]:
-    dbos_queue.migrate(connected)
+    queue.migrate(connected)
     return migrations.upgrade(connected)
 
 

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from service import allowed, steering
 from service.capture import Capture
 from service.copy_pair import copy_pair
-from service.dbos_queue import Queue
+from service.dbos_queue.queue import Queue
 from service.errors import (
     ForbiddenError,
     NotReadyError,

@@ -9,7 +9,7 @@ import time
 import sqlalchemy as sa
 
 from service import belonging
-from service.dbos_queue import Queue
+from service.dbos_queue.queue import Queue
 from service.object_keys import JOBS, job_key
 from service.rows import cameras, expiry, jobs, uploads
 from service.settings import Settings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service.dbos_queue import Queue
+from service.dbos_queue.queue import Queue
 from service.errors import EndedError, NotReadyError
 from service.rows import jobs
 from service.rows.states import State

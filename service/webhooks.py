@@ -21,7 +21,7 @@ from standardwebhooks import Webhook
 
 from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.answers import JobAnswer
-from service.dbos_queue import Queue
+from service.dbos_queue.queue import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.patience import note
 from service.retry_after import retry_after

@@ -16,7 +16,7 @@ from fastapi import Depends, Request
 
 from service.api.camera_discovery import CameraDiscovery
 from service.api.job_updates import JobUpdates
-from service.dbos_queue import Queue
+from service.dbos_queue.queue import Queue
 from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable
 import sqlalchemy as sa
 
 from service import counters, webhooks
-from service.dbos_queue import Held, Queue
+from service.dbos_queue.entries import Held
+from service.dbos_queue.queue import Queue
 from service.errors import DeadlineError, StartError
 from service.patience import note
 from service.problems import cause_of, problem_of

@@ -19,8 +19,10 @@ from functools import partial
 import sqlalchemy as sa
 
 import drivers
-from service import dbos_queue, logs, metrics, tracing, webhooks
-from service.dbos_queue import Duties, Pace
+from service import logs, metrics, tracing, webhooks
+from service.dbos_queue.entries import capture_id, delivery_id
+from service.dbos_queue.launch import Duties, Pace, launch
+from service.dbos_queue.queue import Queue
 from service.errors import AbandonedError, StartError
 from service.opening import open_database, open_storage
 from service.patience import note, passes
@@ -53,7 +55,7 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
-        self._queue = dbos_queue.Queue(self._engine)
+        self._queue = Queue(self._engine)
         self._deliverer = webhooks.Deliverer(self._engine, self._queue, settings)
         self._fork_server = sandbox.fork_server(settings.worker_concurrency, pairs=True)
         self._stopping = threading.Event()
@@ -90,7 +92,7 @@ class Worker:
         settings = self._settings
         pace = Pace(settings.worker_concurrency, settings.poll_seconds, settings.sweep_seconds)
         try:
-            dbos_queue.launch(self._engine, self.id, host.of_usb(self._engine), duties, pace)
+            launch(self._engine, self.id, host.of_usb(self._engine), duties, pace)
         except sa.exc.DBAPIError as error:
             raise StartError(
                 "The database of jobs went away while the worker started: start it, or check "
@@ -112,12 +114,12 @@ class Worker:
 
         The rest of the job waits in the queue of jobs then, and the camera is free.
         """
-        queued = dbos_queue.capture_id(job_id)
+        queued = capture_id(job_id)
         self._alone(queued, lambda: self._capture(job_id))
 
     def deliver(self, job_id: str, number: int) -> None:
         """Make the `number`th attempt at a job's delivery. Returns only when it is written."""
-        queued = dbos_queue.delivery_id(job_id, number)
+        queued = delivery_id(job_id, number)
         self._alone(queued, lambda: self._deliverer.deliver(job_id, number))
 
     def sweep(self, queued: str, thorough: bool) -> None:

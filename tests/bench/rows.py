@@ -21,8 +21,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import answers, dbos_queue, migrations
-from service.dbos_queue import Queue
+from service import answers, migrations
+from service.dbos_queue.queue import Queue, migrate
 from service.rows import attempts, database, expiry, jobs, quotas, tables, waiting
 from service.settings import Settings
 
@@ -47,7 +47,7 @@ class Rows:
 
     def __init__(self, url: str, count: int) -> None:
         self.engine = database.connect(url)
-        dbos_queue.migrate(self.engine)
+        migrate(self.engine)
         migrations.upgrade(self.engine)
         self.queue = Queue(self.engine)
         self._settings = Settings()

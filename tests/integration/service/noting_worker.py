@@ -10,8 +10,8 @@ import os
 import sys
 import threading
 
-from service import dbos_queue
-from service.dbos_queue import Duties, Pace
+from service.dbos_queue.launch import Duties, Pace, launch
+from service.dbos_queue.queue import Queue
 from service.rows import database
 
 
@@ -23,10 +23,10 @@ def main(url: str, name: str, host: str | None = None) -> None:
         go.wait()
 
     connected = database.connect(url)
-    queue = dbos_queue.Queue(connected)
+    queue = Queue(connected)
     duties = Duties(run, run, deliver=lambda *_delivery: None, sweep=lambda *_sweep: None)
     pace = Pace(concurrency=1, poll_seconds=0.05, sweep_seconds=60)
-    dbos_queue.launch(connected, name, host, duties, pace)
+    launch(connected, name, host, duties, pace)
     for line in sys.stdin:
         if line == "go\n":
             go.set()

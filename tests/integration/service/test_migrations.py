@@ -14,8 +14,9 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
 
-from service import belonging, dbos_queue, migrations
+from service import belonging, migrations
 from service.cli import run
+from service.dbos_queue.queue import Queue, migrate
 from service.errors import StoredQuotaError
 from service.rows import clock, database, expiry, jobs, quotas, tables, waiting
 from service.rows.states import State
@@ -156,9 +157,9 @@ def test_what_the_older_program_writes_meanwhile_is_complete(empty: sa.Engine) -
 
 
 def test_jobs_of_the_first_version_go_forward(empty: sa.Engine) -> None:
-    dbos_queue.migrate(empty)
+    migrate(empty)
     _make_first(empty)
-    queue = dbos_queue.Queue(empty)
+    queue = Queue(empty)
     with empty.begin() as connection:
         _add_old_jobs(connection)
         queue.submit(connection, "queued", 1)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import dbos_queue
+from service.dbos_queue.queue import Queue, migrate
 from service.rows import database
 
 Start = Callable[..., subprocess.Popen[str]]
@@ -51,8 +51,8 @@ def _said(worker: subprocess.Popen[str]) -> str:
 
 def test_low_ranks_go_first_also_after_a_takeover(url: str, start: Start) -> None:
     connected = database.connect(url)
-    dbos_queue.migrate(connected)
-    queue = dbos_queue.Queue(connected)
+    migrate(connected)
+    queue = Queue(connected)
 
     def submit(job_id: str, rank: int) -> None:
         with connected.begin() as connection:
@@ -78,8 +78,8 @@ def test_low_ranks_go_first_also_after_a_takeover(url: str, start: Start) -> Non
 
 def test_what_hangs_on_a_host_waits_for_its_workers(url: str, start: Start) -> None:
     connected = database.connect(url)
-    dbos_queue.migrate(connected)
-    queue = dbos_queue.Queue(connected)
+    migrate(connected)
+    queue = Queue(connected)
     other = start("other", "b")
     with connected.begin() as connection:
         for job_id, camera, host in (("on a", "1", "a"), ("on b", "2", "b"), ("on any", "3", None)):
@@ -102,8 +102,8 @@ def test_what_hangs_on_a_host_waits_for_its_workers(url: str, start: Start) -> N
 
 def test_what_is_done_is_forgotten_and_what_waits_is_not(url: str, start: Start) -> None:
     connected = database.connect(url)
-    dbos_queue.migrate(connected)
-    queue = dbos_queue.Queue(connected)
+    migrate(connected)
+    queue = Queue(connected)
     with connected.begin() as connection:
         for number in range(3):
             queue.submit(connection, f"done {number}", 1)

@@ -18,9 +18,10 @@ import uvicorn
 from fastapi import FastAPI
 from PIL import Image
 
-from service import dbos_queue, migrations
+from service import migrations
 from service.api import create_app
 from service.api.context import Context, open_context
+from service.dbos_queue import queue
 from service.media import media_type
 from service.object_keys import results_key
 from service.rows import attempts, database
@@ -60,7 +61,7 @@ def empty_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A service's database without rows: to migrate one for each test takes longer than most do."""
     path = tmp_path_factory.mktemp("empty") / "jobs.sqlite"
     engine = database.connect(f"sqlite:///{path}")
-    dbos_queue.migrate(engine)
+    queue.migrate(engine)
     migrations.upgrade(engine)
     engine.dispose()
     return path

@@ -13,10 +13,10 @@ from obstore.exceptions import GenericError
 
 import drivers
 from pipeline.options import MOST_ROWS
-from service import dbos_queue
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.api.idempotency import digest
+from service.dbos_queue import entries
 from service.rows import bursts, cameras, heartbeats
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
@@ -51,8 +51,8 @@ class TestOnUsb:
         made = http.post("/jobs", json={"capture": {"camera": address}}).raise_for_status().json()
         with context.engine.connect() as connection:
             query = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
-            queue = connection.execute(query, {"id": dbos_queue.capture_id(made["id"])}).scalar()
-        assert queue == dbos_queue.captures_on("studio") == "captures@studio"
+            queue = connection.execute(query, {"id": entries.capture_id(made["id"])}).scalar()
+        assert queue == entries.captures_on("studio") == "captures@studio"
 
 
 class TestCaptures:

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import dbos_queue
 from service.api.context import Context
 from service.cli import run
+from service.dbos_queue import entries
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key
 from service.rows import attempts, cameras, jobs, keys, tables
@@ -263,8 +263,8 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
     with context.engine.connect() as connection:
         assert cameras.count_waiting(connection, camera) == 1
         queue = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
-        found = connection.execute(queue, {"id": dbos_queue.capture_id(new_id)}).scalar()
-    assert found == dbos_queue.captures_on(host)
+        found = connection.execute(queue, {"id": entries.capture_id(new_id)}).scalar()
+    assert found == entries.captures_on(host)
 
 
 def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(

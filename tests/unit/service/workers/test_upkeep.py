@@ -10,8 +10,9 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import counters, dbos_queue
-from service.dbos_queue import Held
+from service import counters
+from service.dbos_queue import entries
+from service.dbos_queue.entries import Held
 from service.errors import StartError
 from service.rows import attempts, heartbeats, jobs, tables
 from service.rows.database import AWAY
@@ -70,8 +71,8 @@ def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
         assert claim(one._engine, job, "another")
     held = [
         Held("a", "another", "jobs"),
-        Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
-        Held(dbos_queue.delivery_id("c", 12), "another", "webhooks"),
+        Held(entries.capture_id("b"), "another", entries.captures_on("host")),
+        Held(entries.delivery_id("c", 12), "another", "webhooks"),
         Held("sched-often-1", "another", "upkeep"),
     ]
     monkeypatch.setattr(one._queue, "held", lambda: held)
@@ -102,7 +103,7 @@ def test_what_a_stopped_worker_has_put_back_is_not_counted_as_taken_over(
     with one._engine.begin() as connection:
         heartbeats.leave(connection, "another")
     held = [
-        Held(dbos_queue.run_id(job, again), "another", "jobs")
+        Held(entries.run_id(job, again), "another", "jobs")
         for again, job in enumerate(["lost", "released", "canceling", "never begun", "ended"])
     ]
     put_back: list[set[Held]] = []

@@ -14,10 +14,11 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import dbos_queue, metrics
+from service import metrics
 from service.object_keys import results_key
 from service.rows import attempts, cameras, jobs, tables
 from service.rows.states import State
+from service.workers import worker
 from service.workers.attempt import Attempt
 from service.workers.outcome import Outcome
 from service.workers.worker import Worker
@@ -67,7 +68,7 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its row would stay running, and wait for a worker that finds this one dead."""
-    monkeypatch.setattr(dbos_queue, "launch", lambda *_: None)
+    monkeypatch.setattr(worker, "launch", lambda *_: None)
     monkeypatch.setattr(metrics, "serve", lambda *_: None)
     monkeypatch.setattr(one._fork_server, "start", lambda: None)
     monkeypatch.setattr(Attempt, "run", _ends)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import pytest
 import sqlalchemy as sa
 
-from service import dbos_queue
 from service.errors import StartError
 from service.rows import jobs
 from service.settings import Settings
@@ -31,7 +30,7 @@ def test_a_database_that_goes_while_a_worker_starts_is_told_in_a_line(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(one._fork_server, "start", lambda: None)
-    monkeypatch.setattr(dbos_queue, "launch", raising(_AWAY))
+    monkeypatch.setattr(worker, "launch", raising(_AWAY))
     with pytest.raises(StartError) as caught:
         one.serve(threading.Event())
     assert str(caught.value) == (
