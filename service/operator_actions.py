@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
+from pydantic import BaseModel
 
 from service import allowed, steering
 from service.capture import Capture
@@ -30,6 +31,7 @@ from service.rows import cameras, jobs, keys
 from service.rows.states import State
 from service.sentences import in_words
 from service.settings import Settings
+from service.storage import Storage
 
 _RETRIED = (State.FAILED, State.CANCELED)
 
@@ -77,34 +79,32 @@ class OperatorActions:
         # Opened here alone: where the store is away, the jobs can be looked at all the same.
         storage = open_storage(self.settings)
         check_room(self.engine, self.settings, storage, job.owner)
+        row = _row_like(job, self._checked_options(storage, job))
+        untaken = {"capture": job.capture, "camera": job.camera}
+        row |= copy_pair(storage, job, row["id"]) if job.inputs else untaken
+        try:
+            self._commit(row)
+        except (QuotaError, StoredQuotaError):
+            storage.delete_below(job_key(row["id"]))
+            raise
+        return str(row["id"])
+
+    def _checked_options(self, storage: Storage, job: jobs.Job) -> BaseModel:
+        """Read a job's options as those of a new one. Raises what retry says of them."""
         options = check_options(job.task, job.options)
         if isinstance(options, MixOptions):
             check_mix(storage, self.find(options.of), options.mix)
-        new_id = uuid.uuid4().hex
-        untaken = {"capture": job.capture, "camera": job.camera}
-        pair = copy_pair(storage, job, new_id) if job.inputs else untaken
-        values: dict[str, Any] = pair | {
-            "id": new_id,
-            "owner": job.owner,
-            "priority": job.priority,
-            "options": options.model_dump(mode="json", exclude_unset=True),
-            "likeness": job.likeness,
-            "webhook": job.webhook,
-            "trace_id": uuid.uuid4().hex,
-            "request_hash": job.request_hash,
-        }
-        try:
-            with self.engine.begin() as connection:
-                rank = jobs.add(connection, values)
-                if job.camera and not job.inputs:
-                    on = cameras.host_of(connection, job.camera)
-                    self.queue.submit_capture(connection, new_id, rank, job.camera, on)
-                else:
-                    self.queue.submit(connection, new_id, rank)
-        except (QuotaError, StoredQuotaError):
-            storage.delete_below(job_key(new_id))
-            raise
-        return new_id
+        return options
+
+    def _commit(self, row: dict[str, Any]) -> None:
+        """Commit a job's row and its entry in the queue: its camera's, while it has no pair."""
+        with self.engine.begin() as connection:
+            rank = jobs.add(connection, row)
+            if "inputs" in row or row["camera"] is None:
+                self.queue.submit(connection, row["id"], rank)
+            else:
+                on = cameras.host_of(connection, row["camera"])
+                self.queue.submit_capture(connection, row["id"], rank, row["camera"], on)
 
     def _check_reach(self, job: jobs.Job) -> None:
         """Refuse what a job like this one reaches for, a webhook or a camera, if it may no more."""
@@ -144,6 +144,20 @@ def open_actions(settings: Settings) -> Iterator[OperatorActions]:
         queue = Queue(engine)
         stack.callback(queue.close)
         yield OperatorActions(engine, queue, settings)
+
+
+def _row_like(job: jobs.Job, options: BaseModel) -> dict[str, Any]:
+    """Make the row of a new job like this one, all but its pair."""
+    return {
+        "id": uuid.uuid4().hex,
+        "owner": job.owner,
+        "priority": job.priority,
+        "options": options.model_dump(mode="json", exclude_unset=True),
+        "likeness": job.likeness,
+        "webhook": job.webhook,
+        "trace_id": uuid.uuid4().hex,
+        "request_hash": job.request_hash,
+    }
 
 
 def _known(job: jobs.Job | None, job_id: str) -> jobs.Job:
