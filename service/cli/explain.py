@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 from service.durable import FULL
-from service.workers.shortage import TOLD, wants_memory
+from service.workers.shortage import TOO_LITTLE_MEMORY, wants_memory
 
 _FULL = "A disk is full that this writes to, that of what is printed perhaps: make room on it."
 
@@ -15,7 +15,7 @@ _FULL = "A disk is full that this writes to, that of what is printed perhaps: ma
 def explain(error: Exception) -> tuple[str, int]:
     """One sentence for what went wrong, and the exit code: 2 where the user can mend it, else 1."""
     if wants_memory(error):
-        return TOLD, 1
+        return TOO_LITTLE_MEMORY, 1
     if isinstance(error, InputError):
         return str(error), 2
     if getattr(error, "errno", None) in FULL:

@@ -27,7 +27,7 @@ from pipeline import compiling
 from pipeline.pair.pair_checks import check_pair
 from service import logs, problems
 from service.workers import camera_tasks, forkserver
-from service.workers.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.exit_codes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.shortage import wants_memory
 from service.workers.tasks import PAIRS, Kind, Limits, Task, Tell
 

@@ -16,8 +16,8 @@ from service.errors import (
     StorageFullError,
     TimeLimitError,
 )
-from service.workers.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
-from service.workers.shortage import TOLD
+from service.workers.exit_codes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.shortage import TOO_LITTLE_MEMORY
 from service.workers.tasks import Kind, Task
 
 DISK_IS_FULL = "The disk on which jobs run is full; send this one again later."
@@ -48,7 +48,7 @@ _OF_HEADERS: _Sentences = {
 _OF_PAIR: _Sentences = {
     CrashError: "The program crashed on these photographs ({how}); if both open elsewhere, report "
     "it with this job's trace_id.",
-    MemoryLimitError: TOLD,
+    MemoryLimitError: TOO_LITTLE_MEMORY,
     KilledError: f"{_KILLED}; send smaller photographs.",
     TimeLimitError: "The job took longer than it may take; send smaller photographs.",
     FileLimitError: f"The job needs more open files than it may have; {_OPERATOR}_OPEN_FILES.",

@@ -22,7 +22,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from service.errors import NoProcessError
 from service.workers import processes
-from service.workers.processes import NO_PROCESS, die_with_parent
+from service.workers.exit_codes import NO_PROCESS
+from service.workers.processes import die_with_parent
 
 _FORKED = b"+"
 _FORK_SECONDS = 600.0  # what it imports first takes minutes where much else is done

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 
-TOLD = "The photographs need more memory than there is for them; send smaller ones."
+TOO_LITTLE_MEMORY = "The photographs need more memory than there is for them; send smaller ones."
 
 _CV_NO_MEMORY = -4  # cv::Error::StsNoMem
 

@@ -17,7 +17,7 @@ from service.api.context import Context
 from service.cli import run
 from service.sending.client import Client
 from service.sending.failures import ServiceAwayError
-from service.workers.shortage import TOLD
+from service.workers.shortage import TOO_LITTLE_MEMORY
 from tests.unit.service.asking import rows_of
 from tests.unit.service.at_first import raising
 
@@ -230,7 +230,7 @@ def test_an_address_that_is_no_services_is_told(
             r".*please report it: ZeroDivisionError in test_commands\.py.*",
         ),
         (UnusablePairError("The pair is black."), 2, r"The pair is black\."),
-        (MemoryError(), 1, re.escape(TOLD)),
+        (MemoryError(), 1, re.escape(TOO_LITTLE_MEMORY)),
     ],
 )
 def test_a_fault_of_the_program_is_told_from_bad_input_without_a_trace(

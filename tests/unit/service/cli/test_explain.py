@@ -11,7 +11,7 @@ from service.cli.explain import explain
 from service.errors import UnknownJobError
 from service.problems import DATABASE_AWAY
 from service.sending.failures import RefusedError, ServiceAwayError
-from service.workers.shortage import TOLD
+from service.workers.shortage import TOO_LITTLE_MEMORY
 
 _FULL = "A disk is full that this writes to, that of what is printed perhaps: make room on it."
 
@@ -32,8 +32,8 @@ def test_what_the_user_can_mend_is_the_errors_own_sentence(error: Exception) -> 
 @pytest.mark.parametrize(
     ("error", "sentence"),
     [
-        (MemoryError(), TOLD),
-        (OSError(errno.ENOMEM, "Cannot allocate memory"), TOLD),
+        (MemoryError(), TOO_LITTLE_MEMORY),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), TOO_LITTLE_MEMORY),
         (OSError(errno.ENOSPC, "No space left on device"), _FULL),
         (DriverError("The camera is gone."), "The camera is gone."),
         (ServiceAwayError("It does not answer."), "It does not answer."),

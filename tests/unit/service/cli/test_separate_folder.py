@@ -14,7 +14,7 @@ from PIL import Image
 
 from pipeline.errors import UnusablePairError
 from service.cli import run, separate_folder, signals
-from service.workers.shortage import TOLD
+from service.workers.shortage import TOO_LITTLE_MEMORY
 
 Photograph = Callable[..., None]
 
@@ -141,7 +141,7 @@ def test_a_damaged_photograph_is_a_failure_and_another_file_is_not(
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (MemoryError(), TOLD),
+        (MemoryError(), TOO_LITTLE_MEMORY),
         (OSError(28, "No space left on device"), "0n cannot be written: no space left on device."),
         (ZeroDivisionError("Light."), f"report it: ZeroDivisionError in {Path(__file__).name}"),
     ],

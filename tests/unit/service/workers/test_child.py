@@ -20,8 +20,8 @@ from service.errors import (
     TimeLimitError,
 )
 from service.workers import sandbox
+from service.workers.exit_codes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.forkserver import ForkServer
-from service.workers.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.tasks import Limits, TakePair, Task
 from tests.jpeg_xl import in_jpeg_xl
 from tests.unit.service.forked import fork_server

@@ -17,7 +17,7 @@ from service.errors import (
     TimeLimitError,
 )
 from service.workers.deaths import check_exit, death
-from service.workers.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
+from service.workers.exit_codes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.tasks import Kind, Limits, Task
 
 DEATHS = (
