@@ -353,10 +353,13 @@ def _kernels(_settings: Settings) -> Iterator[Finding]:
 
 def _ports(settings: Settings) -> Iterator[Finding]:
     yield _port("port", settings.host, settings.port, "", _is_ours)
-    if settings.metrics_port is None:
-        return
-    # the second is of the worker that serve starts
-    for port, part in enumerate(("metrics_port", "worker's metrics_port"), settings.metrics_port):
+    ports = {
+        "metrics_port": settings.metrics_port,
+        "worker's metrics_port": settings.worker_metrics_port,
+    }
+    for part, port in ports.items():
+        if port is None:
+            continue
         if port == settings.port:
             said = f"{port} is the port of the service: set another {PREFIX}METRICS_PORT."
             yield Finding("wrong", part, said)

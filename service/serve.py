@@ -8,11 +8,9 @@ import math
 import os
 import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
 from types import FrameType
 
 import uvicorn
@@ -24,6 +22,7 @@ from service.api import create_app
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
 from service.errors import StartError
+from service.kept_worker import kept_worker
 from service.problems import cause_of
 from service.rows import keys, uploads
 from service.rows.database import AWAY
@@ -31,10 +30,6 @@ from service.settings import Settings
 from service.variables import faults
 from service.workers import processes
 
-_RESTART_SECONDS = 1.0  # twice as long after each start in vain, up to the second
-_LONGEST_RESTART_SECONDS = 60.0
-_LASTING_SECONDS = 10.0  # a worker that lived for so long had begun
-_STOP_SECONDS = 20.0  # a worker takes up to 15
 _HEAD_BYTES = 32 * 1024  # of a request
 _MEMORY_POOLS = 2  # see share_memory
 
@@ -82,24 +77,29 @@ def _serve(settings: Settings, worker: bool) -> None:
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         stopping = threading.Event()
         if worker:
-            stack.enter_context(_worker(settings, stopping))
-        app = create_app(settings.origins.split())
-        app.state.context = context
-        config = uvicorn.Config(
-            app,
-            http=PatientProtocol,
-            ws="none",
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=math.ceil(settings.stop_seconds),
-            h11_max_incomplete_event_size=_HEAD_BYTES,
-            # Idle connections count, too; the app itself refuses requests, with a better answer.
-            limit_concurrency=2 * settings.requests,
-        )
+            stack.enter_context(kept_worker(settings, stopping))
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        _Server(config, context, settings.drain_seconds, stopping).run(sockets=[listener])
+        _server(context, stopping).run(sockets=[listener])
+
+
+def _server(context: Context, stopping: threading.Event) -> _Server:
+    settings = context.settings
+    app = create_app(settings.origins.split())
+    app.state.context = context
+    config = uvicorn.Config(
+        app,
+        http=PatientProtocol,
+        ws="none",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=math.ceil(settings.stop_seconds),
+        h11_max_incomplete_event_size=_HEAD_BYTES,
+        # Idle connections count, too; the app itself refuses requests, with a better answer.
+        limit_concurrency=2 * settings.requests,
+    )
+    return _Server(config, context, settings.drain_seconds, stopping)
 
 
 class _Server(uvicorn.Server):
@@ -153,9 +153,7 @@ def _check_keys(context: Context) -> None:
 
 
 def _check_metrics(settings: Settings, listener: socket.socket) -> None:
-    if settings.metrics_port is None:
-        return
-    port = settings.metrics_port + 1
+    port = settings.worker_metrics_port
     if port == listener.getsockname()[1]:
         raise StartError(
             f"The worker's metrics take port {port}, one above LIGHTLAYERS_METRICS_PORT, which is "
@@ -190,65 +188,3 @@ def _listener(settings: Settings) -> socket.socket:
         pause = int(settings.pause_seconds * 1000)
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, pause)
     return listener
-
-
-@contextlib.contextmanager
-def _worker(settings: Settings, stop: threading.Event) -> Iterator[None]:
-    # The kernel ends the worker with the thread that started it, so this one stays to the end.
-    keeper = threading.Thread(target=_keep_worker, args=(settings, stop), name="worker-keeper")
-    keeper.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        keeper.join()
-
-
-def _keep_worker(settings: Settings, stop: threading.Event) -> None:
-    environment = {
-        **os.environ,
-        **{
-            f"LIGHTLAYERS_{name.upper()}": str(value)
-            for name, value in settings.model_dump(mode="json", exclude_none=True).items()
-        },
-    }
-    if settings.metrics_port is not None:  # that one is taken
-        environment["LIGHTLAYERS_METRICS_PORT"] = str(settings.metrics_port + 1)
-    pause, told = _RESTART_SECONDS, None
-    while not stop.is_set():
-        began = time.monotonic()
-        end = _run_worker(environment, stop)
-        if end is None:
-            return
-        if time.monotonic() - began >= _LASTING_SECONDS:
-            pause, told = _RESTART_SECONDS, None
-        if end != told:
-            told = end
-            log.error(
-                "the worker %s; starting another in %g s, and ever less often, each %g s at last, "
-                "while they end so at once",
-                told,
-                pause,
-                _LONGEST_RESTART_SECONDS,
-            )
-        stop.wait(pause)
-        pause = min(2 * pause, _LONGEST_RESTART_SECONDS)
-
-
-def _run_worker(environment: Mapping[str, str], stop: threading.Event) -> str | None:
-    """Run a worker until it ends, and say in a few words how; None where it was told to stop."""
-    try:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "service.workers.worker", str(os.getpid())],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for this process, which then ends the worker
-        )
-    except OSError as error:  # out of processes, memory or open files, which may pass
-        return f"could not be started, {reason_of(error)}"
-    while process.poll() is None and not stop.wait(0.2):
-        pass
-    if process.returncode is not None:
-        return f"ended with code {process.returncode}"
-    processes.end(process, _STOP_SECONDS)
-    return None

@@ -346,3 +346,8 @@ class Settings(BaseSettings):
     def retention_seconds(self) -> float | None:
         """How long jobs that have ended are kept; None for as long as nobody deletes them."""
         return None if self.retention_days is None else self.retention_days * 86400
+
+    @property
+    def worker_metrics_port(self) -> int | None:
+        """Port of the metrics of the worker that `serve` starts; None where there are none."""
+        return None if self.metrics_port is None else self.metrics_port + 1
