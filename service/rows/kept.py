@@ -1,10 +1,8 @@
-"""Calibrations that jobs have made for a camera and a set-up, and how workers hand them on."""
+"""Calibrations that jobs have made for a camera and a set-up."""
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
@@ -15,7 +13,6 @@ from pipeline.taken_with import TakenWith
 from service.rows import jobs
 from service.rows.jobs import Job
 
-_FILE = "kept.json"
 _CAMERA = "camera"  # in the column `inputs` of a calibration, beside its photographs
 
 
@@ -55,18 +52,3 @@ def made_of(row: Job, content: bytes) -> Kept:
         taken_with=taken_with(row),
         content=content.decode(),
     )
-
-
-def write(directory: Path, kept: list[Kept]) -> None:
-    """Lay calibrations beside the photographs of a job, for its process."""
-    if kept:
-        text = json.dumps([one.model_dump() for one in kept])
-        (directory / _FILE).write_text(text, encoding="utf-8")
-
-
-def read(directory: Path) -> list[Kept]:
-    """Read what write has laid there."""
-    path = directory / _FILE
-    if not path.exists():
-        return []
-    return [Kept.model_validate(one) for one in json.loads(path.read_bytes())]

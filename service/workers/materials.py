@@ -12,6 +12,7 @@ from service.errors import LayersGoneError
 from service.frames import FRAMES
 from service.object_keys import results_key
 from service.rows import jobs, kept
+from service.workers import kept_file
 from service.workers.means import Means
 
 
@@ -48,4 +49,4 @@ def bring_kept(means: Means, directory: Path) -> None:
         key = results_key(row.id, row.attempt, FILES[row.options["kind"]])
         with contextlib.suppress(FileNotFoundError):  # deleted at this moment
             found.append(kept.made_of(row, means.patiently(partial(means.storage.get, key))))
-    means.patiently(partial(kept.write, directory, found))
+    means.patiently(partial(kept_file.write, directory, found))

@@ -18,8 +18,8 @@ from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.errors import OlderWorkerError
-from service.rows import kept
 from service.sentences import in_words
+from service.workers import kept_file
 from service.workers.tasks import RESULTS, Kind, Task, Tell
 
 Read = TypeVar("Read")
@@ -32,7 +32,7 @@ def _separate(task: Task, tell: Tell) -> None:
         _read(Options.model_validate, task.options),
         Path(task.directory) / RESULTS,
         _progress(tell),
-        kept=kept.read(Path(task.directory)),
+        kept=kept_file.read(Path(task.directory)),
     )
 
 

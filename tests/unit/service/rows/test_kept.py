@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import Kept
 from pipeline.options import Spectrum
 from pipeline.taken_with import TakenWith
 from service.rows import jobs, kept, tables
@@ -112,25 +110,6 @@ def test_a_camera_that_was_not_noted_fits_nothing(make: Make) -> None:
     unknown = kept.taken_with(make("a", 1, inputs={}))
     assert unknown == TakenWith()
     assert not unknown.fits(TakenWith.model_validate(TAKEN), "flash")
-
-
-def test_what_is_written_is_read(tmp_path: Path) -> None:
-    one = Kept(
-        kind="flash",
-        setup="default",
-        name="a",
-        made="2001-09-09T01:46:45+00:00",
-        taken_with=TakenWith(model="D5100", body="0123456789ab"),
-        content="wavelength_nm,power\n400,1\n",
-    )
-    kept.write(tmp_path, [one])
-    assert kept.read(tmp_path) == [one]
-
-
-def test_without_any_there_is_no_file(tmp_path: Path) -> None:
-    kept.write(tmp_path, [])
-    assert list(tmp_path.iterdir()) == []
-    assert kept.read(tmp_path) == []
 
 
 @pytest.mark.parametrize("setup", [None, "default"])

@@ -20,11 +20,11 @@ from service.api.context import Context
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
-from service.rows import attempts, expiry, jobs, kept, tables
+from service.rows import attempts, expiry, jobs, tables
 from service.rows.states import State
 from service.settings import Settings
 from service.storage import Storage
-from service.workers import sandbox
+from service.workers import kept_file, sandbox
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored
@@ -274,7 +274,7 @@ def separates(task: Task, *_rest: object) -> None:
             [GenericError("away"), OSError(errno.ENOSPC, "full")],
         ),
         (tempfile, "mkdtemp", OSError(errno.ENOSPC, "full")),
-        (kept, "write", OSError(errno.ENOSPC, "full")),
+        (kept_file, "write", OSError(errno.ENOSPC, "full")),
     ],
 )
 def test_what_is_away_or_full_for_a_moment_costs_no_job(

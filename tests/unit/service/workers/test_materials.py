@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from service.api.context import Context
 from service.errors import CrashError
 from service.rows import jobs, kept
-from service.workers import sandbox
+from service.workers import kept_file, sandbox
 from service.workers.tasks import Task
 from tests.unit.service.attempts import attempt_once
 
@@ -25,7 +25,7 @@ def test_a_calibration_that_is_deleted_at_this_moment_is_left_out(
     brought: list[object] = []
 
     def work(task: Task, *_rest: object) -> None:
-        brought.append(kept.read(Path(task.directory)))
+        brought.append(kept_file.read(Path(task.directory)))
         raise CrashError("It crashed.")
 
     monkeypatch.setattr(kept, "for_separation", gone)
