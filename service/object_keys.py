@@ -1,4 +1,4 @@
-"""Where in the store everything of a job lies: the keys of its objects."""
+"""Where in the store everything of jobs and uploads lies: the keys of their objects."""
 
 from __future__ import annotations
 
@@ -37,6 +37,11 @@ def captured_key(job_id: str, attempt: int, frame: str = "") -> str:
     Each attempt has its own place, so that two of them never make one pair.
     """
     return f"{job_key(job_id)}inputs/{attempt}/{frame}"
+
+
+def upload_key(upload_id: str, piece: str = "") -> str:
+    """Where a piece of an upload lies; without its name, the prefix of all of them."""
+    return f"{UPLOADS}{upload_id}/{piece}"
 
 
 def describe_inputs(job_id: str, sha256: dict[str, str]) -> dict[str, Any]:

@@ -8,10 +8,10 @@ import time
 
 import sqlalchemy as sa
 
-from service import belonging
+from service import belonging, upload_pieces
 from service.dbos_queue.queue import Queue
 from service.object_keys import JOBS, job_key
-from service.rows import cameras, expiry, jobs, uploads
+from service.rows import cameras, expiry, jobs
 from service.settings import Settings
 from service.storage import Storage
 
@@ -91,14 +91,16 @@ class Sweep:
     def _delete_files(self, job_id: str) -> bool:
         deleted = self._storage.try_delete_below(job_key(job_id))
         if not deleted:
-            log.warning("the files cannot be deleted: %s", uploads.ADVICE, extra={"job": job_id})
+            log.warning(
+                "the files cannot be deleted: %s", upload_pieces.ADVICE, extra={"job": job_id}
+            )
         return deleted
 
     def _look_through(self) -> None:
         ours = belonging.claim(self._engine, self._storage)
         if ours:
             self._remove_strays()
-        uploads.remove_expired(self._engine, self._storage, strays=ours)
+        upload_pieces.remove_expired(self._engine, self._storage, strays=ours)
 
     def _remove_strays(self) -> None:
         stored = self._storage.folders(JOBS)

@@ -17,14 +17,14 @@ import uvicorn
 from obstore.exceptions import BaseError
 
 from pipeline.errors import reason_of
-from service import belonging, logs, metrics, room, tracing
+from service import belonging, logs, metrics, room, tracing, upload_pieces
 from service.api import create_app
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
 from service.errors import StartError
 from service.kept_worker import kept_worker
 from service.problems import cause_of
-from service.rows import keys, uploads
+from service.rows import keys
 from service.rows.database import AWAY
 from service.settings import Settings
 from service.variables import faults
@@ -169,7 +169,7 @@ def _check_room(context: Context) -> None:
 def _remove_expired(context: Context) -> None:
     try:
         ours = belonging.claim(context.engine, context.storage)  # before its first job is stored
-        uploads.remove_expired(context.engine, context.storage, strays=ours)
+        upload_pieces.remove_expired(context.engine, context.storage, strays=ours)
     except (*AWAY, BaseError) as error:
         # The sweep of each hour does it, too; on a full disk it takes this API to delete jobs.
         log.warning("uploads that have expired stay until the next sweep: %s", cause_of(error))

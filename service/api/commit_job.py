@@ -11,7 +11,7 @@ from obstore.exceptions import BaseError
 from pydantic import BaseModel
 
 from pipeline.errors import OptionError
-from service import tracing
+from service import tracing, upload_pieces
 from service.api.accepted_job import Accepted
 from service.api.idempotency import replay
 from service.api.models import Handling
@@ -19,7 +19,7 @@ from service.api.submission import Submission
 from service.api.uploaded_pairs import take_over
 from service.errors import QuotaError, StoredQuotaError
 from service.object_keys import job_key
-from service.rows import eta, jobs, uploads
+from service.rows import eta, jobs
 
 
 def commit(
@@ -53,7 +53,7 @@ def commit(
         return earlier
     with contextlib.suppress(BaseError):  # what stays is removed as pieces without an upload
         for upload_id in taken.values():
-            uploads.delete_parts(context.storage, upload_id)
+            upload_pieces.delete(context.storage, upload_id)
     return Accepted(row["id"], replayed=False)
 
 

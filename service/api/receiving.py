@@ -11,6 +11,7 @@ from fastapi.concurrency import contextmanager_in_threadpool
 from obstore.exceptions import BaseError
 from starlette.requests import ClientDisconnect
 
+from service import upload_pieces
 from service.api.context import Context
 from service.errors import (
     ChecksumError,
@@ -19,6 +20,7 @@ from service.errors import (
     SlowRequestError,
     UploadTooLargeError,
 )
+from service.object_keys import upload_key
 from service.rows import uploads
 from service.rows.uploads import Upload
 from service.workers import scratch
@@ -109,8 +111,8 @@ class _Body:
             raise MalformedRequestError(
                 f"The upload came in {uploads.MAX_PARTS:,} pieces; send another in larger ones."
             )
-        part = uploads.part_name(upload)
-        key = uploads.part_key(upload, part)
+        part = upload_pieces.new_name(upload)
+        key = upload_key(upload.id, part)
         self._store(key)
         with context.engine.begin() as connection:
             kept = uploads.append(

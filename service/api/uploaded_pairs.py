@@ -8,6 +8,7 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from pipeline.errors import OptionError
+from service import upload_pieces
 from service.api.callers import Caller
 from service.api.context import Context
 from service.errors import UnfinishedUploadError
@@ -27,7 +28,7 @@ def bring_uploaded(
         found = {frame: _find(connection, caller, frame, named[frame]) for frame in named}
     try:
         return {
-            frame: uploads.assemble(context.storage, upload, directory / frame)
+            frame: upload_pieces.assemble(context.storage, upload, directory / frame)
             for frame, upload in found.items()
         }
     except FileNotFoundError as error:  # another request has used it just now

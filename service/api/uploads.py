@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from service import upload_pieces
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
 from service.api.problems import responses
@@ -224,7 +225,7 @@ def _remove(context: Context, caller: Caller, upload_id: str) -> bool:
     with context.engine.begin() as connection:
         if not uploads.remove(connection, caller.owner, [upload_id]):
             return False
-    uploads.delete_parts(context.storage, upload_id)
+    upload_pieces.delete(context.storage, upload_id)
     return True
 
 

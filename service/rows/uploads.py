@@ -1,26 +1,20 @@
-"""Uploads that come piece by piece: a row each, and objects in the store that hold the pieces.
+"""The rows of uploads, which come piece by piece; service.upload_pieces has the pieces.
 
 Every write of a row names the byte at which it goes on, so that of two pieces for one place, on
-whatever hosts, one counts. A row is made before its first object: objects without one are nobody's.
+whatever hosts, one counts.
 """
 
 from __future__ import annotations
 
-import hashlib
-import logging
-import uuid
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
-from service.object_keys import UPLOADS
 from service.rows.clock import now
 from service.rows.database import may_be_id
 from service.rows.tables import uploads
-from service.storage import Storage
 
 MAX_PARTS = 10_000
 """Pieces that one upload may come in."""
@@ -28,9 +22,7 @@ MAX_PARTS = 10_000
 _LONG_OVER_SECONDS = 3600.0
 """Longer than any transaction takes, so that none goes on with an upload whose pieces are going."""
 
-ADVICE = "let the service delete what is in its store; the next sweep tries again"
-
-log = logging.getLogger("service.rows.uploads")
+_BATCH = 500  # ids in a statement
 
 
 @dataclass(frozen=True)
@@ -64,16 +56,6 @@ def find(connection: sa.Connection, owner: str, upload_id: str) -> Upload | None
     query = sa.select(uploads, (uploads.c.expires <= now()).label("expired"))
     row = connection.execute(query.where(_one(owner, upload_id))).first()
     return Upload(**row._mapping) if row else None
-
-
-def part_name(upload: Upload) -> str:
-    """Make a name for the object of the next piece, which nobody else makes."""
-    return f"{upload.received:015d}-{uuid.uuid4().hex[:16]}"
-
-
-def part_key(upload: Upload, part: str) -> str:
-    """Where a piece lies."""
-    return f"{UPLOADS}{upload.id}/{part}"
 
 
 def append(connection: sa.Connection, upload: Upload, part: str, size: int, seconds: float) -> bool:
@@ -111,44 +93,18 @@ def remove(connection: sa.Connection, owner: str, upload_ids: Collection[str]) -
     return gone.rowcount == len(set(upload_ids))
 
 
-def delete_parts(storage: Storage, upload_id: str) -> None:
-    """Delete the pieces of an upload that has no row any more."""
-    storage.delete_below(f"{UPLOADS}{upload_id}/")
+def long_over(connection: sa.Connection) -> dict[str, bool]:
+    """Tell by id of every upload whether its time is over, and no transaction goes on with it."""
+    over = uploads.c.expires <= now() - _LONG_OVER_SECONDS
+    found = connection.execute(sa.select(uploads.c.id, over.label("over")))
+    return {row.id: row.over for row in found}
 
 
-def assemble(storage: Storage, upload: Upload, path: Path) -> str:
-    """Write a whole upload to a file; its SHA-256. Raises FileNotFoundError."""
-    digest = hashlib.sha256()
-    with path.open("wb") as file:
-        for part in upload.parts:
-            for chunk in storage.chunks(part_key(upload, part)):
-                digest.update(chunk)
-                file.write(chunk)
-    return digest.hexdigest()
-
-
-def remove_expired(engine: sa.Engine, storage: Storage, strays: bool) -> None:
-    """Delete uploads whose time is long over. May run at any time.
-
-    strays: also delete pieces without an upload, which in another database's store are its own.
-    Pieces go first, since on a full disk no row can. Those that cannot be deleted stay, with their
-    row.
-    """
-    # In this order: what has a piece now, if a half-stored one, had its row before.
-    stored = set(storage.folders(UPLOADS))
-    with engine.connect() as connection:
-        moment = connection.execute(sa.select(now() - _LONG_OVER_SECONDS)).scalar_one()
-        over = uploads.c.expires <= moment  # the same ones each time
-        found = connection.execute(sa.select(uploads.c.id, over.label("over")))
-        is_over: dict[str, bool] = {row.id: row.over for row in found}
-    stuck = []
-    for upload_id in sorted(each for each in stored if is_over.get(each, strays)):
-        if not storage.try_delete_below(f"{UPLOADS}{upload_id}/"):
-            log.warning("the pieces of upload %s cannot be deleted: %s", upload_id, ADVICE)
-            stuck.append(upload_id)
-    # Nothing else tells whose the pieces are where another database's lie beside them.
-    with engine.begin() as connection:
-        connection.execute(sa.delete(uploads).where(over, uploads.c.id.not_in(stuck)))
+def forget(connection: sa.Connection, upload_ids: Sequence[str]) -> None:
+    """Delete the rows of uploads whose pieces are gone."""
+    for start in range(0, len(upload_ids), _BATCH):
+        some = uploads.c.id.in_(upload_ids[start : start + _BATCH])
+        connection.execute(sa.delete(uploads).where(some))
 
 
 def _one(owner: str, upload_id: str) -> sa.ColumnElement[bool]:

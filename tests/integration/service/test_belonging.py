@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import sqlalchemy as sa
 
-from service import belonging, migrations
+from service import belonging, migrations, upload_pieces
 from service.rows import database, tables, uploads
 from service.storage import Storage
 
@@ -39,9 +39,9 @@ def test_the_second_database_leaves_the_bucket_of_the_first_alone(
         uploads.add(connection, {"id": "a", "owner": "", "length": 9}, 60)
     storage.put("uploads/a/000-x", b"light")
     storage.put("uploads/nobodys/000-x", b"light")
-    uploads.remove_expired(staging, storage, strays=belonging.claim(staging, storage))
+    upload_pieces.remove_expired(staging, storage, strays=belonging.claim(staging, storage))
     assert storage.folders("uploads/") == ["a", "nobodys"]
-    uploads.remove_expired(production, storage, strays=belonging.claim(production, storage))
+    upload_pieces.remove_expired(production, storage, strays=belonging.claim(production, storage))
     assert storage.folders("uploads/") == ["a"]
 
 

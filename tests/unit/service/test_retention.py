@@ -331,7 +331,7 @@ def test_room_is_made_of_what_a_removal_that_was_cut_short_has_left(
     _expires(context, job_id, 1.0)
     with context.engine.begin() as connection:
         assert expiry.expire(connection, 1) == [job_id]
-    with full_disk(context.engine), pytest.raises(sa.exc.OperationalError):
+    with full_disk(context.engine):
         sweep.make_room()
     assert _files(context) == []
 

@@ -27,6 +27,7 @@ from service.storage import Storage
 from tests.ports import free_port
 from tests.unit.service.at_first import raising
 from tests.unit.service.full_disk import full_disk
+from tests.unit.service.upload_rows import added
 
 
 def test_a_port_in_use_is_told(tmp_path: Path) -> None:
@@ -96,6 +97,7 @@ def test_uploads_that_cannot_be_removed_keep_no_service_from_starting(
 ) -> None:
     if hindered == "the store is away":
         monkeypatch.setattr(Storage, "folders", raising(GenericError("the store is away")))
+    added(context.engine, "over", 6, seconds=-3601)
     with full_disk(context.engine):
         _remove_expired(context)
     (record,) = caplog.records

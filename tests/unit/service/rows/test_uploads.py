@@ -1,82 +1,40 @@
 from __future__ import annotations
 
-import hashlib
-import time
-from pathlib import Path
-
 import pytest
 import sqlalchemy as sa
-from obstore.exceptions import GenericError
 
-from service.rows import tables, uploads
-from service.storage import Storage
-from tests.unit.service.full_disk import full_disk
+from service.rows import uploads
+from tests.unit.service.upload_rows import added, found
 
 
-def _add(
-    engine: sa.Engine, upload_id: str, length: int, owner: str = "a", seconds: float = 60
-) -> None:
-    values = {"id": upload_id, "owner": owner, "length": length}
+def _append(engine: sa.Engine, upload: uploads.Upload, part: str, size: int) -> bool:
     with engine.begin() as connection:
-        uploads.add(connection, values, seconds)
+        return uploads.append(connection, upload, part, size, 60)
 
 
-def _find(engine: sa.Engine, upload_id: str, owner: str = "a") -> uploads.Upload:
-    with engine.connect() as connection:
-        found = uploads.find(connection, owner, upload_id)
-    assert found is not None
-    return found
+def test_of_two_pieces_for_one_place_one_counts(engine: sa.Engine) -> None:
+    before = added(engine, "1", 6)
+    assert _append(engine, before, "first", 3)
+    assert not _append(engine, before, "second", 3)
+    assert (found(engine, "1").received, found(engine, "1").parts) == (3, ["first"])
 
 
-def _append(engine: sa.Engine, storage: Storage, upload: uploads.Upload, data: bytes) -> bool:
-    part = uploads.part_name(upload)
-    storage.put(uploads.part_key(upload, part), data)
-    with engine.begin() as connection:
-        return uploads.append(connection, upload, part, len(data), 60)
-
-
-def test_pieces_become_the_file_in_their_order(
-    engine: sa.Engine, storage: Storage, tmp_path: Path
-) -> None:
-    _add(engine, "1", 6)
-    assert (_find(engine, "1").received, _find(engine, "1").is_whole) == (0, False)
-    for data in (b"ab", b"c", b"def"):
-        assert _append(engine, storage, _find(engine, "1"), data)
-    upload = _find(engine, "1")
-    assert (upload.received, upload.is_whole, len(upload.parts)) == (6, True, 3)
-    digest = uploads.assemble(storage, upload, tmp_path / "file")
-    assert (tmp_path / "file").read_bytes() == b"abcdef"
-    assert digest == hashlib.sha256(b"abcdef").hexdigest()
-
-
-def test_of_two_pieces_for_one_place_one_counts(engine: sa.Engine, storage: Storage) -> None:
-    _add(engine, "1", 6)
-    before = _find(engine, "1")
-    assert _append(engine, storage, before, b"abc")
-    assert not _append(engine, storage, before, b"xyz")
-    assert (_find(engine, "1").received, len(_find(engine, "1").parts)) == (3, 1)
-
-
-def test_a_piece_keeps_an_upload_longer_but_not_an_expired_one(
-    engine: sa.Engine, storage: Storage
-) -> None:
-    _add(engine, "1", 6, seconds=10)
-    _add(engine, "2", 6, seconds=-1)
-    first = _find(engine, "1")
-    assert _append(engine, storage, first, b"abc")
-    assert _find(engine, "1").expires > first.expires + 40
-    assert _find(engine, "2").expired
-    assert not _append(engine, storage, _find(engine, "2"), b"abc")
+def test_a_piece_keeps_an_upload_longer_but_not_an_expired_one(engine: sa.Engine) -> None:
+    first, second = added(engine, "1", 6, seconds=10), added(engine, "2", 6, seconds=-1)
+    assert _append(engine, first, "a", 3)
+    assert found(engine, "1").expires > first.expires + 40
+    assert second.expired
+    assert not _append(engine, second, "b", 3)
 
 
 def test_it_is_told_when_one_of_several_uploads_is_gone(engine: sa.Engine) -> None:
-    _add(engine, "1", 6)
+    added(engine, "1", 6)
     with engine.begin() as connection:
         assert not uploads.remove(connection, "a", ["1", "2"])
 
 
 def test_an_upload_is_its_owners_alone(engine: sa.Engine) -> None:
-    _add(engine, "1", 6)
+    added(engine, "1", 6)
     with engine.begin() as connection:
         assert uploads.find(connection, "b", "1") is None
         assert not uploads.remove(connection, "b", ["1"])
@@ -84,107 +42,15 @@ def test_an_upload_is_its_owners_alone(engine: sa.Engine) -> None:
         assert not uploads.remove(connection, "a", ["1"])
 
 
-def test_what_is_expired_and_what_is_nobodys_goes(engine: sa.Engine, storage: Storage) -> None:
-    _add(engine, "kept", 6)
-    _add(engine, "over", 6)
-    for name in ("kept", "over"):
-        assert _append(engine, storage, _find(engine, name), b"abc")
-    storage.put("uploads/nobodys/000-x", b"abc")
-    storage.put("jobs/1/inputs/flash", b"abc")
+def test_the_rows_of_any_number_of_uploads_are_forgotten(
+    engine: sa.Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(uploads, "_BATCH", 2)
+    for name in ("1", "2", "3", "4", "5"):
+        added(engine, name, 6, seconds=-3601)
+    added(engine, "kept", 6)
     with engine.begin() as connection:
-        connection.execute(
-            sa.update(tables.uploads).where(tables.uploads.c.id == "over").values(expires=1.0)
-        )
-    uploads.remove_expired(engine, storage, strays=True)
-    upload = _find(engine, "kept")
-    kept = ["jobs/1/inputs/flash", uploads.part_key(upload, upload.parts[0])]
-    assert storage.list("") == kept
-    with engine.connect() as connection:
-        assert uploads.find(connection, "a", "over") is None
-
-
-def test_pieces_of_another_databases_uploads_stay(engine: sa.Engine, storage: Storage) -> None:
-    for name, seconds in (("kept", 60), ("over", -3601)):
-        _add(engine, name, 6, seconds=seconds)
-    for name in ("kept", "over", "anothers"):
-        storage.put(f"uploads/{name}/000-x", b"abc")
-    uploads.remove_expired(engine, storage, strays=False)
-    assert storage.folders("uploads/") == ["anothers", "kept"]
-    with engine.connect() as connection:
-        assert uploads.find(connection, "a", "over") is None
-
-
-def test_an_upload_that_is_over_just_now_stays(engine: sa.Engine, storage: Storage) -> None:
-    """Or a piece that was taken in at this moment would be added to one whose pieces are gone."""
-    _add(engine, "1", 6)
-    assert _append(engine, storage, _find(engine, "1"), b"abc")
-    with engine.begin() as connection:
-        connection.execute(sa.update(tables.uploads).values(expires=time.time() - 60))
-    uploads.remove_expired(engine, storage, strays=True)
-    assert _find(engine, "1").expired
-    assert len(storage.list("uploads/1/")) == 1
-
-
-def test_on_a_full_disk_pieces_go_where_rows_cannot(engine: sa.Engine, storage: Storage) -> None:
-    _add(engine, "over", 6, seconds=-3601)
-    for name in ("over", "nobodys"):
-        storage.put(f"uploads/{name}/000-x", b"abc")
-    with full_disk(engine), pytest.raises(sa.exc.OperationalError):
-        uploads.remove_expired(engine, storage, strays=True)
-    assert storage.list("") == []
-    assert _find(engine, "over").expired
-    uploads.remove_expired(engine, storage, strays=True)
-    with engine.connect() as connection:
-        assert uploads.find(connection, "a", "over") is None
-
-
-@pytest.mark.parametrize("strays", [True, False])
-def test_pieces_that_cannot_be_deleted_go_with_a_later_sweep(
-    strays: bool, engine: sa.Engine, storage: Storage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In the store of another database nothing but their row tells whose they are."""
-    for name in ("stuck", "over"):
-        _add(engine, name, 6, seconds=-3601)
-        storage.put(f"uploads/{name}/000-x", b"abc")
-    delete = Storage.delete_below
-
-    def refuse(storage: Storage, prefix: str) -> None:
-        if "stuck" in prefix:
-            raise GenericError("not yours")
-        delete(storage, prefix)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Storage, "delete_below", refuse)
-        uploads.remove_expired(engine, storage, strays)
-    assert storage.folders("uploads/") == ["stuck"]
-    assert _find(engine, "stuck").expired
-    with engine.connect() as connection:
-        assert uploads.find(connection, "a", "over") is None
-    uploads.remove_expired(engine, storage, strays)
-    assert storage.list("") == []
-    with engine.connect() as connection:
-        assert uploads.find(connection, "a", "stuck") is None
-
-
-def test_pieces_that_were_half_stored_go_with_their_upload(
-    engine: sa.Engine, storage: Storage, tmp_path: Path
-) -> None:
-    for name, seconds in (("kept", 60), ("over", -3601)):
-        _add(engine, name, 6, seconds=seconds)
-    for name in ("kept", "over", "nobodys"):
-        folder = tmp_path / "a store" / "uploads" / name
-        folder.mkdir(parents=True)
-        (folder / "000-x#1").write_bytes(b"abc")  # no object: its name is one of the store's own
-    assert storage.list("") == []
-    uploads.remove_expired(engine, storage, strays=True)
-    assert [path.name for path in (tmp_path / "a store" / "uploads").iterdir()] == ["kept"]
-
-
-def test_an_upload_without_its_objects_cannot_be_read(
-    engine: sa.Engine, storage: Storage, tmp_path: Path
-) -> None:
-    _add(engine, "1", 3)
-    assert _append(engine, storage, _find(engine, "1"), b"abc")
-    uploads.delete_parts(storage, "1")
-    with pytest.raises(FileNotFoundError):
-        uploads.assemble(storage, _find(engine, "1"), tmp_path / "file")
+        over = [each for each, is_over in uploads.long_over(connection).items() if is_over]
+        assert sorted(over) == ["1", "2", "3", "4", "5"]
+        uploads.forget(connection, over)
+        assert uploads.long_over(connection) == {"kept": False}
