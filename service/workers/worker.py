@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 import sqlalchemy as sa
@@ -32,6 +32,7 @@ from service.rows.states import State
 from service.settings import Settings
 from service.workers import capturing, host, sandbox, scratch
 from service.workers.attempt import Attempt
+from service.workers.in_hand import InHand
 from service.workers.processes import die_with_parent
 from service.workers.upkeep import Upkeep
 
@@ -58,13 +59,9 @@ class Worker:
         self._queue = Queue(self._engine)
         self._deliverer = webhooks.Deliverer(self._engine, self._queue, settings)
         self._fork_server = sandbox.fork_server(settings.worker_concurrency, pairs=True)
-        self._stopping = threading.Event()
-        self._idle = threading.Condition()
-        self._busy = 0
-        self._runs: set[str] = set()
-        """What the queues have called this worker for: see Held.work."""
+        self._in_hand = InHand()
         self.upkeep = Upkeep(
-            self.id, self._engine, self._storage, self._queue, settings, self._running
+            self.id, self._engine, self._storage, self._queue, settings, self._in_hand.entries
         )
 
     def serve(self, stop: threading.Event) -> None:
@@ -81,9 +78,7 @@ class Worker:
         self.upkeep.keep()
         while not stop.wait(self._settings.heartbeat_seconds):
             self.upkeep.keep()
-        self._stopping.set()
-        with self._idle:
-            self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
+        self._in_hand.stop(_STOP_SECONDS)
         self.upkeep.leave()
         log.info("stopped", extra={"worker": self.id})
 
@@ -107,45 +102,27 @@ class Worker:
         followed by another, and counts as lost unless what cut it short may pass, like a database
         that is away.
         """
-        self._alone(job_id, lambda: self._run(job_id, attempts.claim, _has_ended, again))
+        with self._in_hand.alone(job_id):
+            self._run(job_id, attempts.claim, _has_ended, again)
 
     def capture(self, job_id: str) -> None:
         """Have the camera of a job take its pair. Returns only when it has, or the job has ended.
 
         The rest of the job waits in the queue of jobs then, and the camera is free.
         """
-        queued = capture_id(job_id)
-        self._alone(queued, lambda: self._capture(job_id))
+        with self._in_hand.alone(capture_id(job_id)):
+            if not self._run(job_id, cameras.claim, self._is_passed_on):
+                self._leave_flash_off(job_id)  # a worker that died with it on left nobody to do so
 
     def deliver(self, job_id: str, number: int) -> None:
         """Make the `number`th attempt at a job's delivery. Returns only when it is written."""
-        queued = delivery_id(job_id, number)
-        self._alone(queued, lambda: self._deliverer.deliver(job_id, number))
+        with self._in_hand.alone(delivery_id(job_id, number)):
+            self._deliverer.deliver(job_id, number)
 
     def sweep(self, queued: str, thorough: bool) -> None:
         """Remove what is due, or as much as can be; queued: id of the sweep in its queue."""
-        self._alone(queued, lambda: self.upkeep.sweep(thorough))
-
-    def _running(self) -> set[str]:
-        with self._idle:
-            return set(self._runs)
-
-    def _alone(self, queued: str, work: Callable[[], object]) -> None:
-        """Do an entry of a queue, never twice at a time; queued: its name by Held.work."""
-        with self._idle:
-            # A job that was taken over while this worker was frozen may come back to it.
-            self._idle.wait_for(lambda: queued not in self._runs)
-            self._runs.add(queued)
-        try:
-            work()
-        finally:
-            with self._idle:
-                self._runs.remove(queued)
-                self._idle.notify_all()
-
-    def _capture(self, job_id: str) -> None:
-        if not self._run(job_id, cameras.claim, self._is_passed_on):
-            self._leave_flash_off(job_id)  # a worker that died with it on left nobody to do so
+        with self._in_hand.alone(queued):
+            self.upkeep.sweep(thorough)
 
     def _leave_flash_off(self, job_id: str) -> None:
         """Switch off the flash for a job whose row is gone, unless another job has the switch."""
@@ -172,17 +149,14 @@ class Worker:
         lost = hindered = False
         while True:
             try:
-                with self._working():
+                with self._in_hand.step():
                     if attempt:
                         attempt.outcome.give_up(lost)
                         attempt = None
-                    with self._engine.begin() as connection:
-                        held = claim(connection, job_id, self.id)
-                        known = held or jobs.find(connection, job_id)
-                        over = known is None or is_over(connection, known)
+                    held, known = self._claimed(job_id, claim, is_over)
                     hindered = False
-                    if over:
-                        return known is not None
+                    if known is not None:
+                        return known
                     if held:
                         attempt, lost = self._start(held), False
                         passed_on = self._finish(held, attempt, again)
@@ -199,23 +173,18 @@ class Worker:
                 hindered = True
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.
-            self._stopping.wait(_RETRY_SECONDS)
+            self._in_hand.pause(_RETRY_SECONDS)
 
-    @contextlib.contextmanager
-    def _working(self) -> Iterator[None]:
-        """Have a stop of the worker wait for the block; once it stops, the block never begins."""
-        with self._idle:
-            stopping = self._stopping.is_set()
-            self._busy += not stopping
-        if stopping:
-            # A return would tell the queue that the job is done.
-            threading.Event().wait()
-        try:
-            yield
-        finally:
-            with self._idle:
-                self._busy -= 1
-                self._idle.notify_all()
+    def _claimed(
+        self, job_id: str, claim: Claim, is_over: IsOver
+    ) -> tuple[jobs.Job | None, bool | None]:
+        """Claim a job if it is to be had; and once it is over, whether there is such a job."""
+        with self._engine.begin() as connection:
+            held = claim(connection, job_id, self.id)
+            job = held or jobs.find(connection, job_id)
+            if job is None:
+                return None, False
+            return held, True if is_over(connection, job) else None
 
     def _start(self, job: jobs.Job) -> Attempt:
         return Attempt(
@@ -224,7 +193,7 @@ class Worker:
             self._storage,
             self._settings,
             self._fork_server,
-            self._stopping.is_set,
+            self._in_hand.is_stopping,
         )
 
     def _finish(self, job: jobs.Job, attempt: Attempt, again: int) -> bool:
@@ -278,7 +247,7 @@ def run_until_signal(settings: Settings) -> None:
     worker.serve(stop)
     tracing.flush()
     logging.shutdown()
-    # Threads of jobs that were put back wait for ever; see Worker._working.
+    # Threads of jobs that were put back wait for ever; see InHand.step.
     os._exit(0)
 
 

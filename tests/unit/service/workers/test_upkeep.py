@@ -57,9 +57,9 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
     monkeypatch.setattr(
         one._queue, "put_back", lambda found: put_back.append({held.id for held in found})
     )
-    one._runs.add("running")
-    one.upkeep.keep()
-    one.upkeep.keep()
+    with one._in_hand.alone("running"):
+        one.upkeep.keep()
+        one.upkeep.keep()
     assert put_back == [{"dead"}, {"dead", "mine", "an attempt", "a sweep"}]
 
 

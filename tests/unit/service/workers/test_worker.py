@@ -94,12 +94,12 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
 
 def test_no_job_begins_once_a_stop_has(one: Worker) -> None:
     added_pair(one._engine)
-    one._stopping.set()
+    one._in_hand.stop(0.0)
     thread = threading.Thread(target=one.run, args=("a",), daemon=True)  # it never returns
     thread.start()
     thread.join(timeout=0.5)
     assert thread.is_alive()
-    assert (_find(one).state, one._busy) == (State.QUEUED, 0)
+    assert _find(one).state == State.QUEUED
 
 
 @pytest.mark.parametrize("how", CUT_SHORT)
