@@ -1,8 +1,8 @@
-"""A short form of python -m tests.tether_faults."""
+"""A short form of python -m tests.tether.faults."""
 
 from __future__ import annotations
 
-from tests.tether_faults import fault_sequences, mutate_initiators, mutate_packets
+from tests.tether.faults import fault_sequences, mutate_initiators, mutate_packets
 
 
 def test_random_faults_end_in_a_true_pair_or_an_error_of_the_drivers() -> None:

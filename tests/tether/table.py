@@ -1,4 +1,4 @@
-"""What becomes of a pair under each fault, by backend: python -m tests.tether_table.
+"""What becomes of a pair under each fault, by backend: python -m tests.tether.table.
 
 The columns sim and ptp+usb run with a simulated clock; ptp+ip, gphoto2 and the program gphoto2 are
 clients of simulated cameras on the network and take about a quarter of an hour, side by side. A
@@ -26,7 +26,7 @@ from drivers.sim.body import Body
 from drivers.sim.faults import Fault
 from drivers.sim.ip_responder import IpResponder
 from drivers.sim.usb_bus import SimulatedBus
-from tests.tether_faults import QuickClock, check_pair
+from tests.tether.faults import QuickClock, check_pair
 
 FAULTS = tuple(fault for fault in cast(Sequence[Fault], get_args(Fault)) if fault != "none")
 _OF_A_WIRE = {"short_packets", "glued_packets", "slow_link"}
@@ -139,7 +139,7 @@ def cell(column: str, fault: Fault) -> str:
 
 def main() -> None:
     """Print the table of the columns that the command line names, or of all."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tether_table", allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="python -m tests.tether.table", allow_abbrev=False)
     parser.add_argument("columns", nargs="*", choices=[*COLUMNS, []], default=[])
     columns = parser.parse_args().columns or list(COLUMNS)
     with ThreadPoolExecutor(2 * len(columns)) as pool:

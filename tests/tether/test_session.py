@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.tether_bench import shares
-from tests.tether_session import (
+from tests.tether.bench import shares
+from tests.tether.session import (
     Diary,
     Release,
     Verdict,

@@ -1,4 +1,4 @@
-"""Cameras that lie and fail at random: python -m tests.tether_faults [--packets N] [--sequences N].
+"""Cameras that lie and fail at random: python -m tests.tether.faults [--packets N] [--sequences N].
 
 Mutated packets must end in an answer or an error of the drivers; random sequences of faults must
 end in a true pair or such an error, in bounded time. Everything follows from the seed.
@@ -310,7 +310,7 @@ def fault_sequences(count: int, seed: int) -> Counter[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.tether_faults")
+    parser = argparse.ArgumentParser(prog="python -m tests.tether.faults")
     parser.add_argument("--packets", type=int, default=100_000)
     parser.add_argument("--sequences", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)

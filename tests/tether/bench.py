@@ -1,7 +1,7 @@
-"""How fast and how steady tethered capture is: python -m tests.tether_bench object|pairs.
+"""How fast and how steady tethered capture is: python -m tests.tether.bench object|pairs.
 
 object: a photograph of 50 MB over PTP/IP, beside it the same bytes over a bare socket, also from
-another process. pairs: many in a row through a service; see tests.tether_session.
+another process. pairs: many in a row through a service; see tests.tether.session.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from drivers.shot import fetch
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.body import FOLDER, STORAGE, Body, StoredObject
 from drivers.sim.ip_responder import IpResponder
-from tests import tether_session
+from tests.tether import session
 
 SIZE = 50_000_000
 
@@ -114,26 +114,26 @@ def measure_object(rounds: int) -> None:
 
 def measure_pairs(pairs: int, width: int, height: int) -> None:
     """Print what became of the pairs, where their time went and what the processes held."""
-    session = tether_session.run(pairs, width, height)
-    verdict = tether_session.judge(session.jobs, session.diary.releases)
-    _say(f"{len(session.jobs)} pairs of {width} × {height} in {session.seconds:.0f} s: {verdict}")
-    overhead = tether_session.overheads(session.diary)
-    _say(f"releases {len(session.diary.releases)}, visits {len(overhead)}")
+    day = session.run(pairs, width, height)
+    verdict = session.judge(day.jobs, day.diary.releases)
+    _say(f"{len(day.jobs)} pairs of {width} × {height} in {day.seconds:.0f} s: {verdict}")
+    overhead = session.overheads(day.diary)
+    _say(f"releases {len(day.diary.releases)}, visits {len(overhead)}")
     _say("| part of a pair, s | median | 99 % | worst |")
     _say("|---|---:|---:|---:|")
-    for part, seconds in tether_session.divide(session.jobs, session.diary, overhead).items():
-        worst = tether_session.quantile(seconds, 0.99), max(seconds)
+    for part, seconds in session.divide(day.jobs, day.diary, overhead).items():
+        worst = session.quantile(seconds, 0.99), max(seconds)
         _say(f"| {part} | {statistics.median(seconds):.3f} | {worst[0]:.3f} | {worst[1]:.3f} |")
     _say("| process | MiB, early | most | growth |")
     _say("|---|---:|---:|---:|")
-    for role, held in session.memory.items():
+    for role, held in day.memory.items():
         early = statistics.median(held[: max(1, len(held) // 5)])
-        _say(f"| {role} | {early:.0f} | {max(held):.0f} | {tether_session.growth(held):+.1f} |")
+        _say(f"| {role} | {early:.0f} | {max(held):.0f} | {session.growth(held):+.1f} |")
 
 
 def main() -> None:
     """Measure what the command line says."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tether_bench", allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="python -m tests.tether.bench", allow_abbrev=False)
     commands = parser.add_subparsers(dest="what", required=True)
     of_object = commands.add_parser("object")
     of_object.add_argument("--rounds", type=int, default=60)
