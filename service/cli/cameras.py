@@ -46,14 +46,27 @@ def list_cameras(
     LIGHTLAYERS_CAMERAS names. Canon EOS, Sony, Fuji, Panasonic and Olympus take pairs by
     gphoto2:// alone, and many bodies let no computer switch their flash: capture says so first.
     """
-    import drivers
     from service.cli.display import print_json
+
+    found = _found()
+    if as_json:
+        print_json([asdict(info) | {"unable": refusal} for info, refusal in found])
+        return
+    for info, refusal in found:
+        battery = "" if info.battery_percent is None else f", battery {info.battery_percent} %"
+        print(f"{info.address}  {f'{info.make} {info.model}'.strip()}{battery}")
+        if refusal:
+            print(f"  {refusal}")
+
+
+def _found() -> list[tuple[drivers.CameraInfo, str | None]]:
+    """Find the cameras that are there, and why each cannot take a pair; None: it can."""
+    import drivers
     from service.settings import Settings
 
-    configured = Settings().cameras.split()
     named = [
         each
-        for each in configured
+        for each in Settings().cameras.split()
         if each.startswith("ptp+ip://") and drivers.names_one_camera(each)
     ]
     drivers.listen_to_network()
@@ -69,14 +82,7 @@ def list_cameras(
                 say(str(error) if address in named else f"{address}: {error}")
         if info:
             found.append((info, refusal))
-    if as_json:
-        print_json([asdict(info) | {"unable": refusal} for info, refusal in found])
-        return
-    for info, refusal in found:
-        battery = "" if info.battery_percent is None else f", battery {info.battery_percent} %"
-        print(f"{info.address}  {f'{info.make} {info.model}'.strip()}{battery}")
-        if refusal:
-            print(f"  {refusal}")
+    return found
 
 
 def _look(address: str) -> tuple[drivers.CameraInfo, str | None]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.calibration.kept import Kept
-    from pipeline.taken_with import Kind
+    from pipeline.taken_with import Kind, TakenWith
 
 
 def folder() -> Path:
@@ -33,15 +33,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     from service import durable
 
     taken_with = TakenWith.model_validate(manifest["taken_with"])
-    parts = [taken_with.make, taken_with.model, taken_with.body]
-    parts += ["rendered"] if taken_with.rendered else []
-    if kind != "flash":  # whose spectrum is the same, but approximate when found with renderings
-        parts += ["linear"] if taken_with.encoding == "linear" else []
-    parts += ["upright"] if kind == "lamps" and taken_with.upright else []
-    if kind == "lamps" and taken_with.orientation not in (None, 1):
-        parts += [f"turned{taken_with.orientation}"]
-    camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
-    path = folder() / setup / f"{kind}_{camera}.json"
+    path = folder() / setup / f"{kind}_{_camera_in_name(kind, taken_with)}.json"
     kept = Kept(
         kind=kind,
         setup=setup,
@@ -57,6 +49,18 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     except OSError as error:
         raise InputError(f"The file {path} cannot be written: {reason_of(error)}.") from error
     return path
+
+
+def _camera_in_name(kind: Kind, taken_with: TakenWith) -> str:
+    """Spell in a file's name all by which a calibration of a kind is told from another camera's."""
+    parts = [taken_with.make, taken_with.model, taken_with.body]
+    parts += ["rendered"] if taken_with.rendered else []
+    if kind != "flash":  # whose spectrum is the same, but approximate when found with renderings
+        parts += ["linear"] if taken_with.encoding == "linear" else []
+    parts += ["upright"] if kind == "lamps" and taken_with.upright else []
+    if kind == "lamps" and taken_with.orientation not in (None, 1):
+        parts += [f"turned{taken_with.orientation}"]
+    return "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
 
 
 def marks_beside(path: Path) -> Path:
