@@ -179,6 +179,8 @@ class Spool:
             found = json.loads((pair.folder / _UPLOADS).read_bytes())
         except (FileNotFoundError, ValueError):
             return {}
+        if not isinstance(found, dict):
+            return {}
         return {str(frame): str(each) for frame, each in found.items() if frame in FRAMES}
 
     def note_uploads(self, pair: SpooledPair, uploads: Mapping[str, str]) -> None:

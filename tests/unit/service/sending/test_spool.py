@@ -174,9 +174,15 @@ def test_uploads_are_remembered(spool: Spool, folder: Path) -> None:
     spool.close()
     again = Spool(folder)
     assert again.uploads(pair) == {"no_flash": "1", "flash": "2"}
-    (pair.folder / "uploads.json").write_bytes(b"{")
-    assert again.uploads(pair) == {}
     again.close()
+
+
+@pytest.mark.parametrize("damaged", [b"{", b"[]", b"null", b"\xff"])
+def test_uploads_that_cannot_be_read_are_begun_anew(spool: Spool, damaged: bytes) -> None:
+    """Else the pair, and all behind it, were held up for ever."""
+    pair = spool.add("shot", PAIR, {})
+    (pair.folder / "uploads.json").write_bytes(damaged)
+    assert spool.uploads(pair) == {}
 
 
 def test_a_full_disk_keeps_no_pair_from_leaving(
