@@ -25,12 +25,12 @@ CONVENTIONS = {
 class Facing:
     """Where surfaces face.
 
-    of: unit normals (h, W, 3) of a strip, x right, y up, z to the viewer, NaN where unknown.
+    normals_of: of a strip, (h, W, 3), unit, x right, y up, z to the viewer, NaN where unknown.
     strengths: (J,) of the lamps, relative. surface: what was fitted, None as published. warnings:
     that the lamps do not explain the light.
     """
 
-    of: Callable[[Strip], Image]
+    normals_of: Callable[[Strip], Image]
     strengths: Floats64
     surface: Surface | None
     warnings: tuple[RunWarning, ...] = ()

@@ -37,12 +37,12 @@ def find_facing(
     """
     if method == "paper":
         directed = assign_lamps(lights, reduced, lamps, model, focal_px)
-        of = partial(published_normals, lamps=lamps, directed=directed)
-        return Facing(of, directed.strengths, None)
+        normals_of = partial(published_normals, lamps=lamps, directed=directed)
+        return Facing(normals_of, directed.strengths, None)
     bank = LampBank(model.camera.sensitivities, model.flash)
     surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
-    of = partial(surface_normals, surface=surface)
-    return Facing(of, surface.strengths, surface, _warnings(surface))
+    normals_of = partial(surface_normals, surface=surface)
+    return Facing(normals_of, surface.strengths, surface, _warnings(surface))
 
 
 def _warnings(surface: Surface) -> tuple[RunWarning, ...]:

@@ -58,7 +58,9 @@ def render(
     surface = None if facing is None else facing.surface
     balance = _balance(options.method, estimate, pair)
     for strip in separate(pair, estimate.reduced, lamps, model, options, progress, strip_rows):
-        normals = facing.of(strip) if facing is not None and _needed("normals", wanted) else None
+        normals = None
+        if facing is not None and _needed("normals", wanted):
+            normals = facing.normals_of(strip)
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
             from pipeline.photometric_stereo.confidence import normals_confidence  # few ask for it

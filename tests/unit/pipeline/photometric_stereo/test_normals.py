@@ -57,7 +57,7 @@ def found(
 def test_normals_are_of_unit_length_or_unknown(found: Callable[..., Any], method: str) -> None:
     facing, strip = found(method)
 
-    normals = facing.of(strip)
+    normals = facing.normals_of(strip)
 
     known = np.isfinite(normals).all(axis=2)
     assert normals.shape == strip.no_flash.shape
@@ -116,6 +116,6 @@ def test_a_surface_is_fitted_by_best_alone(found: Callable[..., Any]) -> None:
 def test_two_lamps_will_do_for_best_alone(found: Callable[..., Any]) -> None:
     facing, strip = found("best", 2)
 
-    assert np.isfinite(facing.of(strip)).all(axis=2).mean() > 0.5
+    assert np.isfinite(facing.normals_of(strip)).all(axis=2).mean() > 0.5
     with pytest.raises(OptionError, match="published normals need three light directions"):
         found("paper", 2)
