@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from service.errors import StorageFullError
 from service.object_keys import DATABASE_ID, JOBS, UPLOADS
 from service.rows.tables import identity, jobs
-from service.storage import Storage
+from service.storage.base import Storage
 
 _BATCH = 500  # ids in a statement
 

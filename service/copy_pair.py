@@ -11,7 +11,7 @@ from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, job_key
 from service.rows import jobs
 from service.rows.states import State
-from service.storage import Storage
+from service.storage.base import Storage
 
 _GONE = "The photographs of the job are removed; send them again."
 

@@ -13,7 +13,7 @@ from pipeline.result_names import LAYERS, MANIFEST
 from service.object_keys import results_key
 from service.rows import jobs
 from service.rows.availability import check_succeeded, deleted_meanwhile
-from service.storage import Storage
+from service.storage.base import Storage
 
 
 class MixOptions(BaseModel):

@@ -16,7 +16,8 @@ from service.errors import StartError
 from service.problems import cause_of
 from service.rows import database
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.by_url import storage_at
 
 WRONG_ADDRESS = (
     "The address in LIGHTLAYERS_DATABASE_URL cannot be used: write one like sqlite:///file or "
@@ -94,7 +95,7 @@ def open_storage(settings: Settings) -> Storage:
     if settings.store_url.startswith("s3:"):
         _check_endpoint()
     try:
-        storage = Storage(settings.store_url)
+        storage = storage_at(settings.store_url)
         storage.check()
         if settings.store_presign:
             _check_signing(storage)

@@ -31,7 +31,7 @@ from service.rows import cameras, jobs, keys
 from service.rows.states import State
 from service.sentences import in_words
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 
 _RETRIED = (State.FAILED, State.CANCELED)
 

@@ -13,7 +13,7 @@ from service.dbos_queue.queue import Queue
 from service.object_keys import JOBS, job_key
 from service.rows import cameras, expiry, jobs
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 
 _BATCH = 500  # jobs in a transaction or statement
 _QUEUE_SECONDS = 3600.0  # that the queue remembers what is done, for whoever looks into it

@@ -8,7 +8,7 @@ from pipeline.errors import counted
 from service.errors import QueueFullError, StartError, StorageFullError
 from service.rows import quotas, waiting
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 
 
 def check_room(

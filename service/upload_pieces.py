@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from service.object_keys import UPLOADS, upload_key
 from service.rows import uploads
 from service.rows.uploads import Upload
-from service.storage import Storage
+from service.storage.base import Storage
 
 ADVICE = "let the service delete what is in its store; the next sweep tries again"
 

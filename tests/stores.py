@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from service.storage import Storage
+from service.storage.base import Storage
 
 
 def check_copy(storage: Storage) -> None:

@@ -22,7 +22,7 @@ from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownRes
 from service.object_keys import results_key
 from service.rows.availability import deleted_meanwhile
 from service.rows.jobs import Job
-from service.storage import Storage
+from service.storage.base import Storage
 
 router = APIRouter(tags=["results"])
 

@@ -19,7 +19,7 @@ from service.api.job_updates import JobUpdates
 from service.dbos_queue.queue import Queue
 from service.opening import open_database, open_storage
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 from service.workers import sandbox, scratch
 from service.workers.forkserver import ForkServer
 

@@ -19,7 +19,7 @@ from service.problems import cause_of
 from service.room import larger_than_disk
 from service.rows import database
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 
 
 def look(settings: Settings) -> Iterator[Finding]:

@@ -30,7 +30,7 @@ from service.problems import problem_of
 from service.rows import attempts, eta, jobs, kept
 from service.rows.database import AWAY
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 from service.workers import capturing, materials, sandbox, scratch
 from service.workers.deaths import DISK_IS_FULL
 from service.workers.forkserver import ForkServer

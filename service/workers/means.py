@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from service.patience import passes, patiently
 from service.rows import jobs
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 from service.workers.stopping import Stopping
 
 Result = TypeVar("Result")

@@ -16,7 +16,7 @@ from service.problems import cause_of, problem_of
 from service.retention import Sweep
 from service.rows import database, heartbeats, jobs, waiting
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 from service.workers import presence
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late

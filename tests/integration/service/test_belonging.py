@@ -9,14 +9,15 @@ import sqlalchemy as sa
 
 from service import belonging, migrations, upload_pieces
 from service.rows import database, tables, uploads
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.by_url import storage_at
 
 
 @pytest.fixture
 def storage(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Storage:
     for name, value in s3.items():
         monkeypatch.setenv(name, value)
-    return Storage("s3://photographs/of/two")
+    return storage_at("s3://photographs/of/two")
 
 
 @pytest.fixture

@@ -17,13 +17,13 @@ import pytest
 import drivers
 from service.cli import run
 from service.object_keys import DATABASE_ID
-from service.storage import Storage
+from service.storage.by_url import storage_at
 
 SMALL = "sim://studio?lights=2&width=96&height=64"
 
 
 def _stored(service: Any) -> list[str]:
-    return Storage((service.data / "store").as_uri()).list("")
+    return storage_at((service.data / "store").as_uri()).list("")
 
 
 def _scratch(service: Any) -> list[Path]:
@@ -80,7 +80,7 @@ def test_everything_killed_in_mid_job_is_finished_after_a_start(breakable: Any) 
 
 
 def _digest(service: Any, key: str) -> str:
-    data = Storage((service.data / "store").as_uri()).get(key)
+    data = storage_at((service.data / "store").as_uri()).get(key)
     return hashlib.sha256(data).hexdigest()
 
 

@@ -12,7 +12,8 @@ from service.errors import StartError
 from service.opening import open_storage
 from service.patience import passes
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.by_url import storage_at
 from tests.stores import check_copy, check_folders
 
 
@@ -20,14 +21,14 @@ from tests.stores import check_copy, check_folders
 def storage(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Storage:
     for name, value in s3.items():
         monkeypatch.setenv(name, value)
-    return Storage("s3://photographs/some/prefix")
+    return storage_at("s3://photographs/some/prefix")
 
 
 def test_objects_live_below_the_prefix(storage: Storage) -> None:
     storage.put("jobs/1/inputs/flash", b"light")
     assert storage.get("jobs/1/inputs/flash") == b"light"
     assert storage.list("jobs/1/") == ["jobs/1/inputs/flash"]
-    assert Storage("s3://photographs").list("some/prefix/jobs/1") == [
+    assert storage_at("s3://photographs").list("some/prefix/jobs/1") == [
         "some/prefix/jobs/1/inputs/flash"
     ]
 
@@ -47,7 +48,7 @@ def test_no_request_lasts_as_long_as_its_reader(
     storage: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each piece is one of its own, of which nothing is left to come when it is handed on."""
-    monkeypatch.setattr("service.storage._PIECE", 4)
+    monkeypatch.setattr("service.storage.bucket._PIECE", 4)
     storage.put("jobs/2/a", b"0123456789")
     storage.put("jobs/2/empty", b"")
     assert list(storage.chunks("jobs/2/a")) == [b"0123", b"4567", b"89"]
@@ -78,7 +79,7 @@ def test_what_is_not_there_is_said(storage: Storage) -> None:
 @pytest.mark.usefixtures("storage")
 def test_a_bucket_that_is_gone_is_a_store_that_is_away() -> None:
     with pytest.raises(BaseError, match="no such bucket") as caught:
-        Storage("s3://gone").put("jobs/5/inputs/flash", b"light")
+        storage_at("s3://gone").put("jobs/5/inputs/flash", b"light")
     assert passes(caught.value)
 
 
@@ -98,7 +99,7 @@ def test_of_a_bucket_that_is_gone_no_object_is_missing(
     work: Callable[[Storage, Path], object], tmp_path: Path
 ) -> None:
     with pytest.raises(BaseError) as caught:
-        work(Storage("s3://gone"), tmp_path / "flash")
+        work(storage_at("s3://gone"), tmp_path / "flash")
     assert passes(caught.value)
 
 
@@ -127,7 +128,7 @@ def test_what_is_put_outlasts_a_power_cut(storage: Storage) -> None:
 @pytest.mark.usefixtures("storage")
 def test_a_bucket_that_is_not_there_does_not() -> None:
     with pytest.raises(Exception, match="NoSuchBucket"):
-        Storage("s3://nowhere").check()
+        storage_at("s3://nowhere").check()
 
 
 def test_a_signed_url_gives_the_object_to_who_has_it(storage: Storage) -> None:
@@ -166,7 +167,7 @@ def test_without_credentials_nothing_is_signed(
     storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert storage.link("jobs/6/1/a", 60) is not None
-    assert Storage(tmp_path.as_uri()).link("jobs/6/1/a", 60) is None
+    assert storage_at(tmp_path.as_uri()).link("jobs/6/1/a", 60) is None
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
     monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
     monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")

@@ -16,7 +16,7 @@ import sqlalchemy as sa
 
 import drivers
 from service.rows import database, tables
-from service.storage import Storage
+from service.storage.by_url import storage_at
 from tests.chaos.relay import Relay
 from tests.integration.service.real_service import Service
 
@@ -93,7 +93,7 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
     now = impatient.look(job)
     assert (now["state"], now["attempt"], _digests(impatient, job)) == ("succeeded", 2, digests)
     assert _ends(impatient, job) == ["succeeded"]
-    stored = Storage((impatient.data / "store").as_uri()).list(f"jobs/{job['id']}/")
+    stored = storage_at((impatient.data / "store").as_uri()).list(f"jobs/{job['id']}/")
     assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
 
 

@@ -11,7 +11,7 @@ import pytest
 from tusclient.client import TusClient
 
 import drivers
-from service.storage import Storage
+from service.storage.by_url import storage_at
 from tests.hostile.photographs import pairs
 
 
@@ -42,7 +42,7 @@ def test_tuspy_uploads_a_pair_that_becomes_a_job(service: Any, files: dict[str, 
         ids[frame] = _id(uploader)
     done = _job_of(service, ids)
     assert (done["state"], done["error"]) == ("succeeded", None)
-    left = Storage((service.data / "store").as_uri()).list("uploads/")
+    left = storage_at((service.data / "store").as_uri()).list("uploads/")
     assert [name for name in left if name.split("/")[1] in ids.values()] == []
     assert "holiday" not in service.log.read_text()
 
@@ -110,7 +110,7 @@ def test_a_heic_pair_of_any_type_is_separated(service: Any, media_type: str | No
 def test_expired_uploads_and_pieces_without_an_upload_go_at_the_start(breakable: Any) -> None:
     told = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream"}
     made = breakable.http.post("/uploads", headers={**told, "Upload-Length": "6"}, content=b"abc")
-    storage = Storage((breakable.data / "store").as_uri())
+    storage = storage_at((breakable.data / "store").as_uri())
     (kept,) = storage.list("uploads/")
     storage.put("uploads/nobodys/0-0", b"abc")
     left: Path = breakable.data / "work" / "left"

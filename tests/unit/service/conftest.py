@@ -27,7 +27,8 @@ from service.object_keys import results_key
 from service.rows import attempts, database
 from service.sending.client import Client
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.by_url import storage_at
 from service.workers import sandbox
 from service.workers.forkserver import ForkServer
 from tests.unit.service.contract import check_described, described
@@ -85,7 +86,7 @@ def connection(engine: sa.Engine) -> Iterator[sa.Connection]:
 @pytest.fixture
 def storage(tmp_path: Path) -> Storage:
     """A store in a folder."""
-    return Storage((tmp_path / "a store").as_uri())
+    return storage_at((tmp_path / "a store").as_uri())
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,8 @@ import sqlalchemy as sa
 from service import belonging, migrations
 from service.errors import StorageFullError
 from service.rows import database, jobs, tables
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.at_first import raising
 
 Open = Callable[[str], sa.Engine]
@@ -135,7 +136,7 @@ def test_a_full_disk_keeps_no_sweep_from_its_work(
     migrated: sa.Engine, storage: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as filled:
-        filled.setattr(Storage, "put", raising(StorageFullError("full")))
+        filled.setattr(FolderStorage, "put", raising(StorageFullError("full")))
         assert belonging.claim(migrated, storage)
     assert _named(storage) is None
     assert belonging.claim(migrated, storage)

@@ -16,7 +16,7 @@ from service.errors import EndedError, GoneError, NotReadyError
 from service.mixing import MixOptions, check_mix
 from service.rows import jobs
 from service.rows.states import State
-from service.storage import Storage
+from service.storage.base import Storage
 from tests.unit.service.job_rows import added
 
 EYE = np.linalg.inv(XYZ_TO_SRGB).tolist()

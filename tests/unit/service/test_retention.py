@@ -17,7 +17,8 @@ from service.retention import Sweep
 from service.rows import attempts, cameras, deliveries, expiry, heartbeats, tables, uploads
 from service.rows.states import State
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import post_capture, rows_of, stored_job
 from tests.unit.service.full_disk import full_disk
 
@@ -161,7 +162,7 @@ def test_a_removal_that_was_cut_short_is_finished(
 
     with monkeypatch.context() as dying:
         if killed == "before its files are gone":
-            dying.setattr(Storage, "delete_below", die)
+            dying.setattr(FolderStorage, "delete_below", die)
         else:
             dying.setattr(expiry, "remove", die)
         with pytest.raises(SystemExit):
@@ -284,7 +285,7 @@ def test_a_delete_that_was_cut_short_is_finished(
         raise GenericError("killed")
 
     with monkeypatch.context() as dying:
-        dying.setattr(Storage, "delete_below", die)
+        dying.setattr(FolderStorage, "delete_below", die)
         assert http.delete(f"/jobs/{job_id}").status_code == 503
     if held:  # not before its worker lets it go
         sweep.run(thorough=False)
@@ -368,7 +369,7 @@ def test_a_store_elsewhere_has_no_room_to_make(
     sweep: Sweep, finished: Callable[[], str], context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _expires(context, finished(), 1.0)
-    monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
+    monkeypatch.setattr(FolderStorage, "free_bytes", lambda _storage: None)
     sweep.make_room()
     assert len(_files(context)) == 3
 

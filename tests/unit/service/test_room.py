@@ -7,7 +7,8 @@ from service.errors import QueueFullError, QuotaError, StorageFullError
 from service.room import check_disk, check_room
 from service.rows import keys
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.job_rows import added, claimed
 
 MINE, OTHERS = "mine", "another's"
@@ -97,7 +98,7 @@ def test_a_disk_that_is_nearly_full_takes_no_job(
     storage: Storage,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Storage, "free_bytes", lambda _storage: free)
+    monkeypatch.setattr(FolderStorage, "free_bytes", lambda _storage: free)
     wanted = settings.model_copy(update={"free_bytes": 1000})
     if room:
         check_disk(wanted, storage)

@@ -23,7 +23,7 @@ from service.opening import open_database
 from service.rows import keys
 from service.serve import _remove_expired, _Server, serve
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
 from tests.ports import free_port
 from tests.unit.service.at_first import raising
 from tests.unit.service.full_disk import full_disk

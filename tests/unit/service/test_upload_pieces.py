@@ -11,7 +11,8 @@ from obstore.exceptions import GenericError
 from service import upload_pieces
 from service.object_keys import upload_key
 from service.rows import tables, uploads
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.full_disk import full_disk
 from tests.unit.service.upload_rows import added, found
 
@@ -99,15 +100,15 @@ def test_pieces_that_cannot_be_deleted_go_with_a_later_sweep(
     for name in ("stuck", "over"):
         added(engine, name, 6, seconds=-3601)
         storage.put(f"uploads/{name}/000-x", b"abc")
-    delete = Storage.delete_below
+    delete = FolderStorage.delete_below
 
-    def refuse(storage: Storage, prefix: str) -> None:
+    def refuse(storage: FolderStorage, prefix: str) -> None:
         if "stuck" in prefix:
             raise GenericError("not yours")
         delete(storage, prefix)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Storage, "delete_below", refuse)
+        patch.setattr(FolderStorage, "delete_below", refuse)
         upload_pieces.remove_expired(engine, storage, strays)
     assert storage.folders("uploads/") == ["stuck"]
     assert found(engine, "stuck").expired

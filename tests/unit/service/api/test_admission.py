@@ -9,7 +9,7 @@ import pytest
 from service.api.context import Context
 from service.rows import waiting
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
 
 Png = Callable[..., bytes]
@@ -95,7 +95,7 @@ class TestLowDisk:
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         with monkeypatch.context() as roomy:
-            roomy.setattr(Storage, "free_bytes", lambda _storage: 2**62)
+            roomy.setattr(FolderStorage, "free_bytes", lambda _storage: 2**62)
             begun = http.post("/uploads", headers=_UPLOAD).headers["location"]
         headers = {**_TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
         assert problem_of(http.patch(begun, content=b"x", headers=headers))[:2] == (
@@ -111,14 +111,14 @@ class TestLowDisk:
     def test_a_store_that_is_no_folder_has_no_disk_to_fill(
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
+        monkeypatch.setattr(FolderStorage, "free_bytes", lambda _storage: None)
         assert post_capture(http)["state"] == "queued"
 
     def test_the_job_of_a_key_is_still_given(
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         with monkeypatch.context() as roomy:
-            roomy.setattr(Storage, "free_bytes", lambda _storage: 2**62)
+            roomy.setattr(FolderStorage, "free_bytes", lambda _storage: 2**62)
             first = post_capture(http, **{"idempotency-key": "once"})
         assert post_capture(http, **{"idempotency-key": "once"})["id"] == first["id"]
 

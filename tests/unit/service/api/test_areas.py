@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.encode.exr import write_exr
 from service.api.context import Context
-from service.storage import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import post_capture, problem_of
 
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -79,15 +79,15 @@ def test_an_area_too_large_is_refused(
 def test_an_area_of_layers_that_are_deleted_meanwhile_is_gone(
     reads: int, http: httpx.Client, area: str, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stream, left = Storage.stream, [None] * reads
+    stream, left = FolderStorage.stream, [None] * reads
 
-    def deleting(storage: Storage, key: str, start: int, end: int) -> Iterator[bytes]:
+    def deleting(storage: FolderStorage, key: str, start: int, end: int) -> Iterator[bytes]:
         if not left:
             context.storage.delete(key)
         else:
             left.pop()
         return stream(storage, key, start, end)
 
-    monkeypatch.setattr(Storage, "stream", deleting)
+    monkeypatch.setattr(FolderStorage, "stream", deleting)
     answer = http.get(area, params={"left": 0, "top": 0, "width": 1, "height": 1})
     assert problem_of(answer) == (410, "gone", "The job is being deleted; its results are gone.")

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from service.api import health
 from service.api.context import Context
 from service.rows import heartbeats, tables
-from service.storage import Storage
+from service.storage.by_url import storage_at
 from tests.unit.service.asking import problem_of
 
 
@@ -65,7 +65,7 @@ def test_a_store_that_hangs_is_told_soon(
         monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{silent.getsockname()[1]}")
         monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
         monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
-        server[0].state.context = replace(context, storage=Storage("s3://photographs"))
+        server[0].state.context = replace(context, storage=storage_at("s3://photographs"))
         assert "the store of photographs does not answer" in _not_ready(http)
 
 

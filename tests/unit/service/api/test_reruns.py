@@ -14,7 +14,8 @@ from service.api.idempotency import digest
 from service.errors import StorageFullError
 from service.rows import expiry, jobs
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import (
     ended_while_waiting,
     post_capture,
@@ -126,7 +127,7 @@ def test_copies_that_cannot_be_stored_make_no_job(
     def fail(_storage: Storage, _keys: object) -> None:
         raise GenericError("full")
 
-    monkeypatch.setattr(Storage, "flush", fail)
+    monkeypatch.setattr(FolderStorage, "flush", fail)
     assert problem_of(_rerun(http, job))[:2] == (503, "store-unavailable")
     assert [row.id for row in rows_of(context)] == [job["id"]]
     assert len(context.storage.list("")) == 2

@@ -13,7 +13,7 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service.api.context import Context
-from service.storage import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import post_capture, problem_of
 
 FILES = {
@@ -54,7 +54,7 @@ def test_a_store_gives_results_but_to_those_who_prefer_no_redirect(
     http: httpx.Client, context: Context, job: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(context.settings.__dict__, "store_presign", True)
-    monkeypatch.setattr(Storage, "link", lambda *_arguments: "http://store/lamp1.jpg")
+    monkeypatch.setattr(FolderStorage, "link", lambda *_arguments: "http://store/lamp1.jpg")
     path = f"{job}/results/lamp1.jpg"
     answer = http.get(path, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (307, "http://store/lamp1.jpg")
@@ -232,7 +232,7 @@ def test_a_file_that_is_deleted_in_its_middle_is_broken_off(
         yield b"01234"
         raise FileNotFoundError  # as the next piece of a large one in S3
 
-    monkeypatch.setattr(Storage, "stream", cut)
+    monkeypatch.setattr(FolderStorage, "stream", cut)
     with pytest.raises(httpx.RemoteProtocolError):
         http.get(f"{job}/{what}")
     (told,) = [record for record in caplog.records if record.name == "service.api"]
@@ -251,7 +251,7 @@ def test_downloads_from_a_store_that_hangs_leave_threads_to_others(
         raise GenericError("the store is away")
 
     for read in ("get", "stream"):
-        monkeypatch.setattr(Storage, read, wait)
+        monkeypatch.setattr(FolderStorage, read, wait)
     area = {"left": 0, "top": 0, "width": 1, "height": 1} if what == "area" else None
     with ThreadPoolExecutor(45) as pool:
         asked = [pool.submit(http.get, f"{job}/{what}", params=area) for _ in range(45)]
@@ -275,7 +275,7 @@ def test_a_download_that_hangs_in_the_middle_leaves_threads_to_others(
         go_on.wait(120)
         yield b"56789"
 
-    monkeypatch.setattr(Storage, "stream", slowly)
+    monkeypatch.setattr(FolderStorage, "stream", slowly)
     with ThreadPoolExecutor(45) as pool:
         asked = [pool.submit(http.get, f"{job}/results/lamp1.jpg") for _ in range(45)]
         try:
@@ -297,7 +297,7 @@ def test_deletes_in_a_store_that_hangs_leave_threads_to_others(
         taken.release()
         go_on.wait(120)
 
-    monkeypatch.setattr(Storage, "delete_below", wait)
+    monkeypatch.setattr(FolderStorage, "delete_below", wait)
     with ThreadPoolExecutor(45) as pool:
         asked = [pool.submit(http.delete, path) for path in paths]
         try:

@@ -20,7 +20,7 @@ import sqlalchemy as sa
 from service.api.context import Context
 from service.rows import tables, uploads
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.asking import problem_of
 from tests.unit.service.uploading import PIECE, TUS, create, offset_of, patch
 
@@ -224,15 +224,15 @@ def test_uploads_to_a_store_that_hangs_leave_threads_to_others(
     http: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     taken, go_on = threading.Semaphore(0), threading.Event()
-    put = Storage.put
+    put = FolderStorage.put
 
-    def wait(storage: Storage, key: str, data: bytes | Path) -> None:
+    def wait(storage: FolderStorage, key: str, data: bytes | Path) -> None:
         taken.release()
         go_on.wait(120)
         put(storage, key, data)
 
     places = [create(http, 5) for _ in range(45)]
-    monkeypatch.setattr(Storage, "put", wait)
+    monkeypatch.setattr(FolderStorage, "put", wait)
     with ThreadPoolExecutor(len(places)) as pool:
         sent = [pool.submit(patch, http, place, 0, b"light") for place in places]
         try:
@@ -302,13 +302,13 @@ class TestBreaks:
         self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         place = create(http, 6)
-        flush = Storage.flush
+        flush = FolderStorage.flush
 
-        def remove(storage: Storage, keys: Iterable[str]) -> None:
+        def remove(storage: FolderStorage, keys: Iterable[str]) -> None:
             assert http.delete(place, headers=TUS).status_code == 204
             flush(storage, keys)
 
-        monkeypatch.setattr(Storage, "flush", remove)
+        monkeypatch.setattr(FolderStorage, "flush", remove)
         assert problem_of(patch(http, place, 0, b"abc"))[:2] == (409, "upload-offset")
         assert context.storage.list("") == []
 

@@ -102,7 +102,9 @@ def test_full_disks_are_findings_among_others(look: Look, monkeypatch: pytest.Mo
     look()
     monkeypatch.setattr("service.doctor.database.is_missing_file", lambda _url: False)
     monkeypatch.setattr("service.doctor.database.migrations.check", raising(full))
-    monkeypatch.setattr("service.storage.Storage.put", raising(StorageFullError("It is full.")))
+    monkeypatch.setattr(
+        "service.storage.folder.FolderStorage.put", raising(StorageFullError("It is full."))
+    )
     found = look()
     assert (found["database"].grade, found["database"].sentence) == (
         "wrong",

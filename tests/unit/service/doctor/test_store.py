@@ -9,7 +9,8 @@ from service import belonging
 from service.api.context import Context
 from service.doctor.finding import Finding
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from tests.unit.service.findings import Look
 
 
@@ -24,7 +25,7 @@ def test_a_store_that_fails_is_told_with_its_cause(
     def fail(*_arguments: object) -> None:
         raise GenericError("status code: 500 Internal Server Error\n\nDebug source")
 
-    monkeypatch.setattr("service.storage.Storage.put", fail)
+    monkeypatch.setattr("service.storage.folder.FolderStorage.put", fail)
     found = look()["store"]
     assert (found.grade, found.sentence) == (
         "wrong",
@@ -53,7 +54,7 @@ def test_a_store_on_no_disk_of_this_machine_has_no_room_to_tell(
     look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", str(2**60))
-    monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
+    monkeypatch.setattr(FolderStorage, "free_bytes", lambda _storage: None)
     found = look()
     assert found["disk"].grade == "ok"
     assert "store's disk" not in found
@@ -65,7 +66,7 @@ def test_a_disk_that_does_not_tell_its_free_space_is_told(
     def fail(_storage: Storage) -> int:
         raise GenericError("the disk does not tell its free space")
 
-    monkeypatch.setattr(Storage, "free_bytes", fail)
+    monkeypatch.setattr(FolderStorage, "free_bytes", fail)
     found = look()["store's disk"]
     assert (found.grade, "free space" in found.sentence) == ("wrong", True)
 

@@ -6,7 +6,7 @@ import sqlalchemy as sa
 from service.errors import EndedError, GoneError, NotReadyError
 from service.rows import availability
 from service.rows.states import State
-from service.storage import Storage
+from service.storage.base import Storage
 from tests.unit.service.job_rows import added
 
 HELD_ON = "results are there once it is succeeded."

@@ -23,7 +23,8 @@ from service.object_keys import inputs_key, results_key
 from service.rows import attempts, expiry, jobs, tables
 from service.rows.states import State
 from service.settings import Settings
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from service.workers import kept_file, sandbox
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
@@ -382,7 +383,7 @@ def test_results_outlast_a_power_cut_before_the_job_has_succeeded(
         flushed.update(dict.fromkeys(keys, job.state))
 
     monkeypatch.setattr(sandbox, "run", separates)
-    monkeypatch.setattr(Storage, "flush", flush)
+    monkeypatch.setattr(FolderStorage, "flush", flush)
     run()
     assert flushed == {results_key("a", 1, "a.png"): State.RUNNING}
 
@@ -398,9 +399,9 @@ def test_what_cannot_be_cleared_does_not_cost_the_results(
 
     monkeypatch.setattr(attempts, "claim", second)
     monkeypatch.setattr(sandbox, "run", separates)
-    delete = Storage.delete_below
+    delete = FolderStorage.delete_below
     away = at_first(GenericError("away"), delete)
-    monkeypatch.setattr(Storage, "delete_below", away)
+    monkeypatch.setattr(FolderStorage, "delete_below", away)
     job = run()
     assert job is not None
     assert (job.state, job.attempt) == (State.SUCCEEDED, 2)

@@ -16,7 +16,8 @@ from service.api.context import Context
 from service.object_keys import results_key
 from service.rows import attempts, expiry, jobs, kept
 from service.rows.states import State
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from service.workers import sandbox
 from service.workers.attempt import Attempt
 from service.workers.stopping import Stopping
@@ -79,7 +80,7 @@ def test_files_that_cannot_be_deleted_hold_no_worker_up(
     def refuse(_storage: Storage, _prefix: str) -> None:
         raise PermissionDeniedError("no right to delete")
 
-    monkeypatch.setattr(Storage, "delete_below", refuse)
+    monkeypatch.setattr(FolderStorage, "delete_below", refuse)
     attempt.outcome.give_up()
     assert "files of an attempt that does not count cannot be deleted" in caplog.text
     if end == "canceled":
@@ -111,7 +112,7 @@ def test_files_of_an_attempt_are_deleted_once_the_store_is_back(
     context.storage.put(results_key(job_id, 1, "a.png"), b"half")
     away = raising(GenericError("away"))
     with monkeypatch.context() as patch:
-        patch.setattr(Storage, "delete_below", away)
+        patch.setattr(FolderStorage, "delete_below", away)
         patch.setattr(Storage, "check", away)
         with pytest.raises(GenericError):
             attempt.outcome.give_up()

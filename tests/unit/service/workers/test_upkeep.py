@@ -17,7 +17,8 @@ from service.errors import StartError
 from service.rows import attempts, heartbeats, jobs, tables
 from service.rows.database import AWAY
 from service.rows.states import State
-from service.storage import Storage
+from service.storage.base import Storage
+from service.storage.folder import FolderStorage
 from service.workers import host, presence, upkeep
 from service.workers.worker import Worker
 from tests.unit.service.at_first import at_first, raising
@@ -277,7 +278,7 @@ def test_a_heartbeat_outlives_room_that_cannot_be_made(
     def fail(_storage: Storage) -> int:
         raise GenericError("the store is away")
 
-    monkeypatch.setattr(Storage, "free_bytes", fail)
+    monkeypatch.setattr(FolderStorage, "free_bytes", fail)
     with full_disk(one._engine):
         one.upkeep.keep()
     assert "making room was cut short, store-unavailable: the store is away" in caplog.text
