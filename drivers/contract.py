@@ -1,4 +1,4 @@
-"""What every driver holds its camera to, so that people read the same of all of them."""
+"""Checks that all drivers share: a fault reads the same, whichever cable the camera hangs on."""
 
 from __future__ import annotations
 

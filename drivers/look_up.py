@@ -1,4 +1,4 @@
-"""An event loop that waits for no look-up of a host's name: nothing cuts one short."""
+"""An event loop that can leave the look-up of a host's name behind: nothing cuts one short."""
 
 from __future__ import annotations
 

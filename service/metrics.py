@@ -22,7 +22,7 @@ from service.settings import Settings
 
 
 def count_fault(error: Exception) -> None:
-    """Count what went wrong, where a metric is about it."""
+    """Count an error that is the store's failure; no metric tells of others."""
     if kind_of(error) is STORE_AWAY:
         counters.STORE_ERRORS.inc()
 

@@ -31,8 +31,10 @@ _UNANSWERED = (
     drivers.DriverError,
     StorageFullError,
     NoProcessError,
-    OSError,
-)  # a full disk, too
+    OSError,  # a full disk, too
+)
+"""What leaves a look without an answer: the camera, or this machine."""
+
 _NETWORK = "ptp+ip://"  # where the operator allows just this, cameras there announce themselves
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from service.cli import signals
 
 _GROUPS = ((), ("calibrate",), ("keys",), ("jobs",))
-"""What is no command yet: the ones of a group are shown."""
+"""Words that a command has to follow; alone they show which ones there are."""
 
 
 def main() -> None:

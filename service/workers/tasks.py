@@ -17,7 +17,7 @@ RESULTS = "results"
 """The folder of a task's directory in which it lays what it makes."""
 
 PAIRS = "pairs"
-"""What the server of processes is told where tasks separate, calibrate or mix."""
+"""Argument of the fork server's program where tasks separate, calibrate or mix."""
 
 Tell = Callable[[dict[str, Any]], None]
 """Writes a message of a task to the service, as service.workers.child says."""
