@@ -23,12 +23,12 @@ from service.api.context import Context, open_context
 from service.connections import PatientProtocol
 from service.errors import StartError
 from service.kept_worker import kept_worker
+from service.memory_pools import share_memory
 from service.problems import cause_of
 from service.rows import keys
 from service.rows.database import AWAY
 from service.settings import Settings
 from service.variables import faults
-from service.workers import processes
 
 _HEAD_BYTES = 32 * 1024  # of a request
 _MEMORY_POOLS = 2  # see share_memory
@@ -58,7 +58,7 @@ def _end(code: int) -> None:
 
 
 def _serve(settings: Settings, worker: bool) -> None:
-    processes.share_memory(_MEMORY_POOLS)
+    share_memory(_MEMORY_POOLS)
     logs.configure()
     for sentence in faults():
         log.warning("%s", sentence)

@@ -8,7 +8,6 @@ import signal
 import subprocess
 
 _PR_SET_PDEATHSIG = 1
-_M_ARENA_MAX = -8
 
 
 def die_with_parent(parent: int) -> None:
@@ -24,17 +23,6 @@ def die_with_parent(parent: int) -> None:
     # The parent may have died before the line above.
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGKILL)
-
-
-def share_memory(pools: int) -> None:
-    """Have the threads of this process take their memory from so many pools (glibc).
-
-    By itself it makes up to eight for each processor, and each keeps what its threads once needed.
-    To be called before the first thread; without glibc it does nothing.
-    """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        mallopt(_M_ARENA_MAX, pools)
 
 
 def end(process: subprocess.Popen[bytes], patience_seconds: float) -> None:
