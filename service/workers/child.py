@@ -1,7 +1,7 @@
 """The process of one task of a job, its task as JSON on stdin.
 
 python -m service.workers.child imports once, and forks such a process for every task
-(service.workers.forkserver); with the argument PAIRS it imports what separates, calibrates and
+(service.workers.forking); with the argument PAIRS it imports what separates, calibrates and
 mixes as well. It writes one JSON object per line to stdout: {"stage", "fraction"} while it works,
 {"question"} where it then waits for a line of JSON on stdin, {"answer"} with what it found,
 {"problem"} before it ends with nothing to show, except for want of memory, files or disk, which
@@ -26,7 +26,7 @@ from typing import Any
 from pipeline import compiling
 from pipeline.pair.pair_checks import check_pair
 from service import logs, problems
-from service.workers import camera_tasks, forkserver
+from service.workers import camera_tasks, forking
 from service.workers.exit_codes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.workers.shortage import wants_memory
 from service.workers.tasks import PAIRS, Kind, Limits, Task, Tell
@@ -129,7 +129,7 @@ if __name__ == "__main__":
         for name in ("service.workers.pair_tasks", "pipeline.photometric_stereo.normals"):
             importlib.import_module(name)
         compiling.prepare()
-    forkserver.serve()
+    forking.serve()
     code = main()
     sys.stdout.flush()
     # Taking the interpreter down would touch, and so copy, what is shared with the fork server.

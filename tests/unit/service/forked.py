@@ -21,8 +21,8 @@ os.fork = refuse
 
 def fork_server(code: str, first: str = "") -> ForkServer:
     """Make a server whose children run Python code; `first` runs once, in the server."""
-    names = "import json, os, signal, sys, time\nfrom service.workers import forkserver"
-    program = f"{names}\n{first}\nforkserver.serve()\n{code}"
+    names = "import json, os, signal, sys, time\nfrom service.workers import forking"
+    program = f"{names}\n{first}\nforking.serve()\n{code}"
     return ForkServer([sys.executable, "-c", program], {})
 
 

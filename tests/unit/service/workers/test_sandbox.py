@@ -153,8 +153,8 @@ def test_tasks_at_once_share_the_processors(
 ) -> None:
     code = """
 import json, os
-from service.workers import forkserver
-forkserver.serve()
+from service.workers import forking
+forking.serve()
 import cv2
 print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNumThreads()}))
 """
@@ -174,8 +174,8 @@ def test_the_server_is_told_whether_tasks_take_pairs(
 ) -> None:
     code = """
 import json, sys
-from service.workers import forkserver
-forkserver.serve()
+from service.workers import forking
+forking.serve()
 print(json.dumps({"stage": json.dumps(sys.argv[1:]), "fraction": 1}))
 """
     monkeypatch.setattr(sandbox, "_COMMAND", (sys.executable, "-c", code))
