@@ -14,6 +14,7 @@ from pipeline.matrixfit.data import Data
 _SAME_SHADING = 0.15  # logarithm of the flash part
 _BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
 _LEAST_STEP = 0.25  # of the mean light relative to the flash
+_LEAST_FALL, _SURE = 0.2, 8.0  # of the light on the lit side; standard deviations of the step
 _FACTORS, _SURFACE = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 
@@ -44,7 +45,9 @@ def shadow_edges(ratios: RelativeLight) -> Iterator[Places]:
         rows = rows[:, None] + oy * np.stack([swap, 1 - swap], axis=1)
         columns = columns[:, None] + ox * np.stack([swap, 1 - swap], axis=1)
         same = ratios.alike(one, other)
-        yield rows[same], columns[same]
+        at = rows[same], columns[same]
+        clear = _is_clear(ratios, at)
+        yield at[0][clear], at[1][clear]
 
 
 def _shifted(
@@ -55,6 +58,18 @@ def _shifted(
     rows = (slice(0, height - abs(oy)), slice(abs(oy), height))
     a_rows, b_rows = rows if oy >= 0 else rows[::-1]
     return (a_rows, slice(0, width - ox)), (b_rows, slice(ox, width))
+
+
+def _is_clear(ratios: RelativeLight, at: Places) -> Mask:
+    """Whether steps (n,) are much of the light, or beyond noise.
+
+    Where light fades evenly noise makes steps that seem to end, most of all where lamps are bright
+    and the flash is dim.
+    """
+    lit, dark = ratios.total[at].T
+    deviation = np.sqrt(ratios.covariance(at).sum(axis=(1, 2, 3)))
+    step = lit - dark
+    return np.asarray((step > _LEAST_FALL * lit) | (step > _SURE * deviation))
 
 
 def _is_edge(light: Floats64, use: Mask, ox: int, oy: int) -> Mask:

@@ -90,6 +90,25 @@ def test_differences_are_steps_of_some_size(drop: float) -> None:
     assert bool(len(gather_evidence(pair).differences)) is (drop == 0.6)
 
 
+@pytest.mark.parametrize(
+    ("drop", "noise", "some"),
+    [(0.15, 0.03, False), (0.15, 0.003, True), (0.25, 0.03, True)],
+)
+def test_steps_of_bright_light_are_a_fifth_of_it_or_beyond_noise(
+    drop: float, noise: float, some: bool
+) -> None:
+    """In a pool of light five times as bright as what is around it, on another surface.
+
+    noise: relative, of the strength of the flash part.
+    """
+    light, flash = even(0.1, 0.1, 0.08), even(0.5, 0.5, 0.5)
+    light[:, -12:-6], light[:, -6:] = 5 * light[:, -12:-6], 5 * (1 - drop) * light[:, -6:]
+    flash[:, :-12] = (0.6, 0.5, 0.4)
+    pair = reduced_pair(light, flash, flash_only=True, flash_variance=0.75 * noise**2)
+
+    assert bool(len(gather_evidence(pair).differences)) is some
+
+
 @pytest.mark.parametrize(("columns", "some"), [(1, True), (2, False), (4, False)])
 def test_differences_are_of_steps_that_end(columns: int, some: bool) -> None:
     """Where the light goes on changing, a surface bends and all lamps change."""
