@@ -201,6 +201,8 @@ def _of_reflections(
             f"approximate there; {where}. Turn shiny things away from the lamps, and check camera "
             "and flash spectrum if it is all over the picture."
         )
+        if lamps.requested == "auto" and len(lamps) < MOST_LAMPS:
+            message += f" A weak lamp more looks alike: ask for {len(lamps) + 1} lamps to see."
         yield RunWarning(Code.REFLECTIONS, message, {"share": share})
         return
     lamp = int(in_shadows.argmax())
@@ -209,8 +211,9 @@ def _of_reflections(
         message = (
             f"In the shadows of {lamp_name(lamp)} there is {in_shadows[lamp]:.0%} of its light: it "
             "comes by way of walls and things, in their colours, and passes for light of other "
-            "lamps. Layers are approximate where it falls. Keep lamps away from walls and large "
-            "coloured things, or hang something dark before these."
+            "lamps; or the lamp is so large that its shadows are hardly anywhere whole. Layers are "
+            "approximate where it falls. Keep lamps away from walls and large coloured things, or "
+            "hang something dark before these."
         )
         figures = {"in_shadows": float(in_shadows[lamp])}
         yield RunWarning(Code.REFLECTIONS, message, figures)

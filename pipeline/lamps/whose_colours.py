@@ -106,8 +106,9 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarnin
         )
         return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
     message = (
-        "The camera's spectral sensitivities are not known and were approximated: name a "
-        "measured camera or send its table for exact work."
+        "The camera's spectral sensitivities are not known and were approximated. Layers lose "
+        "little by it, but colours and temperatures of lamps and white-balanced pictures may be "
+        "far off: name a measured camera or send its table for exact work, or calibrate it."
     )
     if frame.encoding == "linear":
         message += f" The files do not say whose colours they hold: {taken}."

@@ -204,6 +204,28 @@ def test_what_lamps_leave_in_places_is_a_reflection(
 
 
 @pytest.mark.parametrize(
+    ("requested", "lamps", "asks"), [("auto", 1, 2), ("auto", 2, 3), (2, 2, 0), ("auto", 3, 0)]
+)
+def test_where_the_number_was_counted_reflections_may_be_a_weak_lamp(
+    said: Callable[..., list[RunWarning]],
+    warm_to_cool: Floats64,
+    requested: Literal["auto", 2],
+    lamps: int,
+    asks: int,
+) -> None:
+    (warning,) = said(
+        residual=np.full((64, 96), 0.11),
+        coefficients=warm_to_cool[:lamps],
+        requested=requested,
+        hidden=[],
+    )
+
+    assert warning.code == Code.REFLECTIONS
+    assert warning.message.endswith("all over the picture.") is not bool(asks)
+    assert (f"A weak lamp more looks alike: ask for {asks} lamps" in warning.message) is bool(asks)
+
+
+@pytest.mark.parametrize(
     ("outputs", "words"),
     [
         ({"residual.png"}, "; residual.png shows where."),
@@ -251,6 +273,7 @@ def test_light_in_a_lamps_shadows_is_a_reflection_where_it_is_more_than_lamps_ar
     if warned:
         assert found[0].figures == {"in_shadows": pytest.approx(left)}
         assert found[0].message.startswith(f"In the shadows of lamp2 there is {left:.0%} of its")
+        assert "or the lamp is so large that its shadows" in found[0].message
 
 
 def test_light_in_shadows_is_not_asked_of_bent_values_nor_of_published_lamps(

@@ -46,6 +46,7 @@ def test_an_unknown_sensor_is_told_by_the_pair_and_warned_of(
     assert manifest["camera"] == {"name": "typical sensor", "source": "stand-in"}
     (warning,) = (w for w in manifest["warnings"] if w["code"] == "camera_approximate")
     assert "typical sensor explains the pair best and was taken" in warning["message"]
+    assert "colours and temperatures of lamps and white-balanced pictures" in warning["message"]
 
 
 def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
