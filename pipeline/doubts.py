@@ -232,8 +232,8 @@ def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
     snr = expected_snr_db(lamps.least_angle_deg, relative_noise(reduced))
     message = (
         f"Two lamps are only {lamps.least_angle_deg:.1f}° apart in colour, so their layers hold "
-        f"each other's light: expect a signal-to-noise ratio of about {snr:.0f} dB. A coloured "
-        "filter on one of the lamps helps."
+        f"each other's light: expect a signal-to-noise ratio of about {snr:.0f} dB. If they are "
+        f"one lamp, ask for {len(lamps) - 1}; if not, a coloured filter on one of them helps."
     )
     yield RunWarning(
         Code.LAMPS_ALIKE, message, {"angle_deg": lamps.least_angle_deg, "expected_snr_db": snr}

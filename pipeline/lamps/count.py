@@ -23,7 +23,7 @@ from pipeline.arrays import Floats64
 from pipeline.light.model import Model
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, FitInput
-from pipeline.matrixfit.fourth_lamp import gain_of_fourth
+from pipeline.matrixfit.fourth_lamp import any_is_another_again, gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.surface_colours import scatter_within_colours
 from pipeline.matrixfit.unexplained import left_over, share_beside, share_of_third, unexplained
@@ -101,9 +101,13 @@ def count_lamps(given: FitInput, first: Callable[[int], Fit], fit: Callable[[int
 
 
 def signs_of_fourth(given: FitInput, matrices: Floats64) -> bool:
-    """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
+    """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do.
+
+    Not where one of them is another one again, as where three are asked for and there are two: who
+    does not need a third lamp needs no fourth.
+    """
     evidence = given.evidence
-    if not evidence.has_edges:
+    if not evidence.has_edges or any_is_another_again(given.model, matrices):
         return False
     if unexplained(given.reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True

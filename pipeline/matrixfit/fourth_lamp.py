@@ -36,6 +36,14 @@ def gain_of_fourth(evidence: Evidence, model: Model, matrices: Floats64) -> floa
     return float(np.mean([_gain(one, model, matrices) for one in alone]))
 
 
+def any_is_another_again(model: Model, matrices: Floats64) -> bool:
+    """Whether one of some lamps (n, 3, 3) lies within 3.4° in colour of another of them."""
+    return any(
+        _degrees_off(matrices[index : index + 1], model, matrices[:index])[0] < _OWN_DEGREES
+        for index in range(1, len(matrices))
+    )
+
+
 def _gain(evidence: Evidence, model: Model, matrices: Floats64) -> float:
     """As gain_of_fourth, told by evidence.differences alone."""
     lights = model.lamp_matrix(start_points(evidence, model.tensor))

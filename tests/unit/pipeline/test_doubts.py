@@ -316,6 +316,7 @@ def test_lamps_that_are_alike_come_with_angle_and_expectation(
         assert figures["angle_deg"] == pytest.approx(degrees, abs=0.01)
         assert figures["expected_snr_db"] == pytest.approx(expected_snr_db(degrees, 0.0), abs=0.5)
         assert f"{degrees}° apart" in found[0].message
+        assert "If they are one lamp, ask for 1; if not, a coloured filter" in found[0].message
 
 
 def test_what_is_expected_of_lamps_that_are_alike_falls_with_noise(

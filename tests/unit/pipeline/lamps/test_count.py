@@ -18,6 +18,7 @@ from pipeline.matrixfit.fit import Fit, FitInput, fit_matrices, fit_pin
 from pipeline.matrixfit.known import nothing_known
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.vectors import unit
 from tests.reduced_pairs import reduced_pair
 
 Shadowed = Callable[[Floats64], Any]
@@ -93,6 +94,29 @@ def test_either_sign_of_a_fourth_lamp_will_do(
     monkeypatch.setattr(count, "gain_of_fourth", lambda *_: gain)
 
     found = signs_of_fourth(fit_input(pair), model.lamp_matrix(warm_to_cool))
+
+    assert found is more
+
+
+@pytest.mark.parametrize(("degrees", "more"), [(3.0, False), (4.0, True)])
+@pytest.mark.parametrize("sign", [1, -1])  # a fit's matrices may have either
+def test_no_fourth_lamp_is_told_where_the_third_is_another_again(
+    fit_input: Callable[..., FitInput],
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Floats64,
+    monkeypatch: pytest.MonkeyPatch,
+    degrees: float,
+    more: bool,
+    sign: int,
+) -> None:
+    monkeypatch.setattr(count, "unexplained", lambda *_: 9.0)
+    warm, _, cool = warm_to_cool
+    aside, angle = unit(warm - (warm @ cool) * cool), np.radians(degrees)
+    again = np.cos(angle) * cool + np.sin(angle) * aside
+    matrices = model.lamp_matrix(np.stack([cool, warm, again]))
+
+    found = signs_of_fourth(fit_input(shadowed(warm_to_cool)), sign * matrices)
 
     assert found is more
 
