@@ -26,7 +26,6 @@ from pipeline.separation.pure_light import without_pure_light
 
 # Chosen on development scenes (docs/trials/warnings.md)
 _UNSURE = 0.6  # confidence in the number of lamps
-_SIMILAR_DEGREES = 6.0
 _RIVAL_DEGREES = 5.0
 _MUCH_WEAK = 0.1  # share of what the lamps light
 _MUCH_CLIPPED = 0.05  # share of the picture
@@ -227,7 +226,7 @@ def _spots(marked: Mask) -> Mask:
 
 
 def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
-    if lamps.least_angle_deg >= _SIMILAR_DEGREES:
+    if not lamps.alike:
         return
     snr = expected_snr_db(lamps.least_angle_deg, relative_noise(reduced))
     message = (

@@ -40,6 +40,7 @@ MIN_PIXELS = 200
 LEAST_CONTRAST = 1e-3
 """Sine of the least angle that is told from none."""
 
+_ALIKE_DEGREES = 6.0  # chosen on development scenes (docs/trials/warnings.md)
 _ALONE_DEGREES = 10.0  # to a lamp that might be beside the only one
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 _NO_LIGHT = -0.1  # of a lamp's colour, below which no light has a channel
@@ -86,6 +87,11 @@ class Lamps:
     def least_angle_deg(self) -> float:
         """Least angle between the colours of two lamps in degrees, 90 with one lamp."""
         return 90.0 if len(self) == 1 else float(_angles(self.coefficients).min())
+
+    @property
+    def alike(self) -> bool:
+        """Whether two lamps are so near in colour that their layers hold each other's light."""
+        return self.least_angle_deg < _ALIKE_DEGREES
 
     @property
     def least_sine(self) -> float:

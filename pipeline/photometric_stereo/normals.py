@@ -42,7 +42,21 @@ def find_facing(
     bank = LampBank(model.camera.sensitivities, model.flash)
     surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
     normals_of = partial(surface_normals, surface=surface)
-    return Facing(normals_of, surface.strengths, surface, _warnings(surface))
+    warnings = (*_of_colours(lights, lamps), *_warnings(surface))
+    return Facing(normals_of, surface.strengths, surface, warnings)
+
+
+def _of_colours(lights: Sequence[DirectedLight], lamps: Lamps) -> tuple[RunWarning, ...]:
+    """Warn where colours that are alike are all that tells from where which light comes."""
+    if not lamps.alike or all(light.rgb for light in lights):
+        return ()
+    angle = lamps.least_angle_deg
+    message = (
+        f"Normals and depth are doubtful: two of the lamps found are only {angle:.1f}° apart in "
+        "colour, and which light comes from where is told by colours alone. Give the rgb of each "
+        "lamp with its direction, as calibrating the lamps by a sphere does."
+    )
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, {"angle_deg": angle}),)
 
 
 def _warnings(surface: Surface) -> tuple[RunWarning, ...]:

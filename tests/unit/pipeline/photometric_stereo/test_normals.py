@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +18,9 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.photometric_stereo import normals
 from pipeline.photometric_stereo.normals import find_facing
 from pipeline.progress import Progress
+from pipeline.run_warnings import Code
 from pipeline.separation.separation import Strip
+from pipeline.vectors import unit
 
 DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
 
@@ -72,6 +75,39 @@ def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) 
     assert len(warned) == 1
     assert "do not explain the light" in warned[0].message
     assert found("paper")[0].warnings == ()
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(5.9, 2), (6.1, 2), (5.9, 3)])
+def test_lamps_alike_whose_colours_are_not_given_make_normals_doubtful(
+    exact: Callable[..., tuple[Any, Floats64]],
+    lamps_of: Callable[..., Lamps],
+    model: Model,
+    warm_to_cool: Floats64,
+    monkeypatch: pytest.MonkeyPatch,
+    degrees: float,
+    told: int,
+) -> None:
+    """The colours of two of three lamps are given, or of all."""
+    warm, green, cool = warm_to_cool
+    aside, angle = unit(warm - (warm @ cool) * cool), np.radians(degrees)
+    found = np.stack([green, cool, np.cos(angle) * cool + np.sin(angle) * aside])
+    lights = [
+        DirectedLight(direction=direction, rgb=tuple(colour) if index < told else None)
+        for index, (direction, colour) in enumerate(zip(DIRECTIONS, warm_to_cool, strict=True))
+    ]
+    surface = SimpleNamespace(misfit=0.0, unexplained=0.0, strengths=np.ones(3))
+    monkeypatch.setattr(normals, "solve_surface", lambda *_: surface)
+    reduced = reduce_pair(exact(warm_to_cool)[0])
+
+    warnings = find_facing(
+        lights, reduced, lamps_of(found), model, 150.0, "best", Progress()
+    ).warnings
+
+    doubtful = degrees < 6 and told < 3
+    assert [warning.code for warning in warnings] == [Code.NORMALS_DOUBTFUL] * doubtful
+    if doubtful:
+        assert warnings[0].figures == {"angle_deg": pytest.approx(degrees, abs=0.01)}
+        assert "Give the rgb of each lamp" in warnings[0].message
 
 
 @pytest.mark.parametrize(
