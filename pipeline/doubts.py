@@ -15,7 +15,7 @@ from pipeline.lamps.shadows import light_in_shadows
 from pipeline.light.model import Model
 from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Method
-from pipeline.pair.flash_reach import MOST_STOPS, flash_reach
+from pipeline.pair.flash_reach import flash_reach
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
 from pipeline.pictures.residual_map import MARKED, relative_residual
@@ -120,11 +120,10 @@ def _of_photographs(pair: Pair, reduced: ReducedPair, method: Method) -> Iterato
     reach = flash_reach(pair, reduced)
     layers = _LAYERS_WITHOUT_LIGHT[method]
     if reach.weak > _MUCH_WEAK:
-        most = "at least " if reach.stops >= MOST_STOPS else ""
         message = (
             f"The flash is too weak in {reach.weak:.0%} of what the lamps light, where the layers "
-            f"{layers}; {1 - reach.weak:.0%} can be separated. Make the flash {most}"
-            f"{reach.stops:.1f} stops stronger: raise its power or bring it nearer; a wider "
+            f"{layers}; {1 - reach.weak:.0%} can be separated. Make the flash at "
+            f"least {reach.stops:.1f} stops stronger: raise its power or bring it nearer; a wider "
             "aperture with a shorter exposure helps, too."
         )
         figures = {"share": reach.weak, "usable_share": 1 - reach.weak, "stops": reach.stops}

@@ -371,7 +371,7 @@ def test_an_uncertain_number_is_told(
 
 @pytest.mark.parametrize(
     ("weak", "stops", "words"),
-    [(0.4, 2.26, "flash 2.3 stops stronger"), (1.0, 6.0, "at least 6.0 stops")],
+    [(0.4, 2.26, "flash at least 2.3 stops stronger"), (1.0, 6.0, "flash at least 6.0 stops")],
 )
 def test_a_weak_flash_comes_with_what_to_do(
     said: Callable[..., list[RunWarning]], weak: float, stops: float, words: str
