@@ -19,8 +19,8 @@ import drivers
 from pipeline.compiling import CACHE
 from pipeline.images.area_strips import AreaStrips
 from pipeline.options import Options
-from pipeline.pair.find_balance_change import find_balance_change
-from pipeline.pair.tone_curve import KNOTS, ToneCurve
+from pipeline.pair.one_surface import Neighbours
+from pipeline.pair.tone_curve import NO_CONTRAST
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures.clipped import shown_layers
@@ -31,7 +31,6 @@ from pipeline.separation.separation import Strip
 
 _SIZE = "width=96&height=64&noise=off"
 _GARBAGE = 100_000  # objects between collections, which take a good part of the compiler's time
-_RAMP = 64  # pixels across, which make pairs of blocks enough
 _MOTION_PX = 3  # enough for the flash photograph to be laid on the other
 
 
@@ -53,9 +52,8 @@ def _call_others() -> None:
     for count in (1, 2, 3):
         shown_layers(np.stack(count * [image]), np.ones((count, 3)), 1.0)
     AreaStrips((side, side), (side // 2, side // 2)).add(image)
-    ToneCurve(np.zeros(len(KNOTS))).photograph(image)
-    ramp = np.tile(np.linspace(0.05, 0.6, _RAMP, dtype=np.float32)[:, None, None], (1, _RAMP, 3))
-    find_balance_change(ramp, ramp + np.float32(0.3), np.zeros((_RAMP, _RAMP), bool), 1.0)
+    NO_CONTRAST.photograph(image)
+    Neighbours(np.ones((4, side, 3)), 1.0).through(NO_CONTRAST).height(np.zeros(2), (0.1, 0.2))
     fill_alike(image, image, np.zeros((side, side), np.float32), image, image)
     rows, lamps = slice(0, side), np.eye(3)
     ones, known = np.ones((side, side, 3)), np.ones((side, side), bool)

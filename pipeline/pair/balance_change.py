@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pipeline.arrays import Floats64
 from pipeline.images.frames import Image, Matrix, Photograph
 from pipeline.images.memory import empty_image
 from pipeline.images.noise import Noise
@@ -33,6 +34,11 @@ class BalanceChange:
 
     red: float
     blue: float
+
+    @property
+    def logs(self) -> Floats64:
+        """Natural logarithms (2,) of the gains of red and blue."""
+        return np.log((self.red, self.blue))
 
     @property
     def matrix(self) -> Matrix:

@@ -19,6 +19,7 @@ from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.motion import find_moved
+from pipeline.pair.one_surface import find_neighbours
 from pipeline.pair.pair_checks import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.pair.pair_warnings import (
     NOTABLE_MOTION,
@@ -175,16 +176,16 @@ def _taken_back(
     no_flash: Frame, flash: Frame, laid: _Laid, ratio: ExposureRatio
 ) -> tuple[Frame, Frame, _Laid, ToneCurve | None, BalanceChange | None]:
     """Both frames, and how the other was laid, without what a camera made of them; and what."""
-    unusable, by = no_flash.unusable | laid.unusable, ratio.value
-    balance = None
-    if _balances_may_differ(no_flash, flash) and ratio.source != "assumed":
-        balance = find_balance_change(no_flash.pixels, laid.pixels, unusable, by)
-    matrix = None if balance is None else balance.matrix
-    tone = find_tone_curve(no_flash.pixels, laid.pixels, unusable, by, matrix)
+    unusable = no_flash.unusable | laid.unusable
+    neighbours = find_neighbours(no_flash.pixels, laid.pixels, unusable, ratio.value)
+    if neighbours is None:
+        return no_flash, flash, laid, None, None
+    balance, known = None, ratio.source != "assumed"
+    if known and _balances_may_differ(no_flash, flash):
+        balance = find_balance_change(neighbours)
+    tone = find_tone_curve(neighbours, balance, known)
     if balance is not None:
-        balance, tone = settle_balance_change(
-            no_flash.pixels, laid.pixels, unusable, by, balance, tone
-        )
+        balance, tone = settle_balance_change(neighbours, balance, tone)
     if tone is not None:
         no_flash, flash, laid = tone.frame(no_flash), *_toned(tone, flash, laid)
     if balance is not None:

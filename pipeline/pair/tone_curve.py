@@ -80,6 +80,10 @@ class ToneCurve:
         return Noise(gain, floor, noise.grain)
 
 
+NO_CONTRAST = ToneCurve(np.zeros(len(KNOTS)))
+"""sRGB's curve alone."""
+
+
 @exact
 def _multiply(values: Floats32, gains: Floats32, out: Floats32) -> None:
     """Values (h, W, 3) by what gains (m,) are at their roots, from 0 to 1; between two a line."""

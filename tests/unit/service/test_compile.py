@@ -5,14 +5,14 @@ import sys
 
 CALLED = """
 from pipeline.images import area_strips
-from pipeline.pair import find_balance_change, tone_curve
+from pipeline.pair import one_surface, tone_curve
 from pipeline.photometric_stereo import detail
 from pipeline.pictures import clipped
 from pipeline.separation import fill_alike
 from service import compile
 
 compile._call_others()
-loops = area_strips._share_out, tone_curve._multiply, find_balance_change._peak, fill_alike._fill
+loops = area_strips._share_out, tone_curve._multiply, one_surface._peak, fill_alike._fill
 loops = *loops, detail._add_detail, clipped._show
 print(*(len(loop.signatures) for loop in loops))
 """

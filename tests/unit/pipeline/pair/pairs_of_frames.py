@@ -10,6 +10,7 @@ import pytest
 from pipeline.images.frames import Frame
 from pipeline.options import Options
 from pipeline.pair.align import Alignment
+from pipeline.pair.one_surface import Neighbours
 from pipeline.pair.pair import Pair, make_pair
 from pipeline.progress import Progress
 
@@ -25,3 +26,11 @@ def lay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.pair.pair.estimate_alignment", lambda *_: shifted)
     monkeypatch.setattr("pipeline.pair.pair.residual_flow", lambda *_: None)
     monkeypatch.setattr("pipeline.pair.pair.warp", lambda pixels, mask, _: (pixels[:].copy(), mask))
+
+
+def have_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have pairs of places be found, however small pictures are, that know their exposures."""
+    monkeypatch.setattr(
+        "pipeline.pair.pair.find_neighbours",
+        lambda *given: Neighbours(np.full((4, 1, 3), 0.2), given[3]),
+    )

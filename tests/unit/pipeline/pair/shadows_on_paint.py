@@ -10,7 +10,8 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.images.coded import TableImage
-from pipeline.images.frames import Mask
+from pipeline.images.frames import Mask, Photograph
+from pipeline.pair.one_surface import Neighbours, find_neighbours
 
 Curve = Callable[[Floats64], Floats64]
 Shadows = Literal["slanted", "upright", "level", "none"]
@@ -54,6 +55,15 @@ def photographs(curve: Curve, light: tuple[Floats64, Floats64]) -> tuple[TableIm
         return TableImage(np.round(255 * codes).astype(np.uint8), table)
 
     return coded(light[0]), coded(light[1])
+
+
+def neighbours(
+    pair: tuple[Photograph, Photograph], ratio: float = 1.0, unusable: Mask | None = None
+) -> Neighbours:
+    """Pairs of places of a pair that may show one paint."""
+    found = find_neighbours(*pair, nothing() if unusable is None else unusable, ratio)
+    assert found is not None
+    return found
 
 
 def nothing() -> Mask:

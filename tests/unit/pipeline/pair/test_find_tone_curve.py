@@ -9,12 +9,14 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
-from pipeline.pair.find_tone_curve import find_tone_curve
+from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.find_tone_curve import find_tone_curve, usual_contrasts
 from pipeline.pair.tone_curve import ToneCurve
 from tests.unit.pipeline.pair.shadows_on_paint import (
     SIZE,
     Curve,
     light_of,
+    neighbours,
     nothing,
     photographs,
     s_curve,
@@ -39,7 +41,7 @@ def off(found: ToneCurve, curve: Curve) -> float:
     ("curve", "most"), [(s_curve(S), 0.015), (s_curve(STRONGER), 0.01), (brighter, 0.035)]
 )
 def test_a_contrast_is_found(curve: Curve, most: float) -> None:
-    found = find_tone_curve(*photographs(curve, light_of()), nothing(), 1.0)
+    found = find_tone_curve(neighbours(photographs(curve, light_of())))
 
     assert found is not None
     assert off(found, curve) < most
@@ -49,7 +51,7 @@ def test_a_contrast_is_found(curve: Curve, most: float) -> None:
 
 @pytest.mark.parametrize("shadows", ["upright", "level"])
 def test_edges_that_run_one_way_tell_it(shadows: Literal["upright", "level"]) -> None:
-    found = find_tone_curve(*photographs(s_curve(S), light_of(shadows)), nothing(), 1.0)
+    found = find_tone_curve(neighbours(photographs(s_curve(S), light_of(shadows))))
 
     assert found is not None
     assert off(found, s_curve(S)) < 0.02
@@ -57,45 +59,25 @@ def test_edges_that_run_one_way_tell_it(shadows: Literal["upright", "level"]) ->
 
 def test_a_contrast_is_found_through_a_balance_that_differs() -> None:
     no_flash, flash = light_of()
-    gains = np.array((1.3, 1.0, 0.75))
-    pair = photographs(s_curve(S), (no_flash, 0.8 * flash * gains))
+    change = BalanceChange(1.3, 0.75)
+    other = flash @ np.linalg.inv(change.matrix).T
+    pair = photographs(s_curve(S), (no_flash, 0.75 * other))
 
-    found = find_tone_curve(*pair, nothing(), 0.8, np.diag(1 / gains))
+    found = find_tone_curve(neighbours(pair, 0.75), change)
 
     assert found is not None
     assert off(found, s_curve(S)) < 0.016
 
 
-def test_a_few_edges_are_not_enough() -> None:
-    no_flash, flash = (one[:24, :72] for one in light_of("upright"))
-
-    assert (
-        find_tone_curve(*photographs(s_curve(S), (no_flash, flash)), nothing()[:24, :72], 1.0)
-        is None
-    )
-
-
 def test_the_curve_of_srgb_alone_stays() -> None:
-    assert find_tone_curve(*photographs(lambda codes: codes, light_of()), nothing(), 1.0) is None
-
-
-def test_without_shadows_nothing_tells_the_curve() -> None:
-    pair = photographs(s_curve(S), light_of("none"))
-
-    assert find_tone_curve(*pair, nothing(), 1.0) is None
-
-
-def test_a_flash_that_hardly_reaches_tells_nothing() -> None:
-    pair = photographs(s_curve(S), light_of(flash=0.005))
-
-    assert find_tone_curve(*pair, nothing(), 1.0) is None
+    assert find_tone_curve(neighbours(photographs(s_curve(0.0), light_of()))) is None
 
 
 def test_the_ratio_of_exposures_is_taken_off_the_light_not_the_codes() -> None:
     no_flash, flash = light_of()
     pair = photographs(s_curve(S), (no_flash, 0.5 * flash))
 
-    found = find_tone_curve(*pair, nothing(), 0.5)
+    found = find_tone_curve(neighbours(pair, 0.5))
 
     assert found is not None
     assert off(found, s_curve(S)) < 0.016
@@ -110,19 +92,31 @@ def test_what_cannot_be_used_does_not_count() -> None:
     unusable = nothing()
     unusable[:, half:] = True
 
-    found = find_tone_curve(no_flash, other, unusable, 1.0)
+    found = find_tone_curve(neighbours((no_flash, other), unusable=unusable))
 
     assert found is not None
     assert off(found, s_curve(S)) < 0.016
 
 
-def test_all_that_cannot_be_used_tells_nothing() -> None:
-    pair = photographs(s_curve(S), light_of())
+def test_exposures_that_nobody_knows_may_explain_as_much() -> None:
+    """The true ratio is 1, and the flash photograph was taken for half as much brighter."""
+    wrong = neighbours(photographs(s_curve(0.0), light_of()), 1.5)
+    right = neighbours(photographs(s_curve(S), light_of()))
 
-    assert find_tone_curve(*pair, ~nothing(), 1.0) is None
+    assert find_tone_curve(wrong) is not None
+    assert find_tone_curve(wrong, exposures_known=False) is None
+    assert find_tone_curve(right, exposures_known=False) is not None
 
 
-def test_a_picture_smaller_than_a_step_tells_nothing() -> None:
-    no_flash, flash = (np.full((6, 7, 3), light, np.float32) for light in (0.2, 0.4))
+def test_colour_that_a_curve_takes_out_of_all_things_tells_nothing() -> None:
+    """Half as bright, all paints look alike through the strongest of the usual contrasts."""
+    no_flash, flash = light_of()
+    few = neighbours(photographs(s_curve(S), (no_flash, 0.5 * flash)), 0.5)
+    strongest = few.through(ToneCurve(usual_contrasts()[-1].logs))
+    right = few.through(ToneCurve(usual_contrasts()[2].logs))
+    nothing_taken_off, widths = np.zeros(2), (0.06, 0.15)
 
-    assert find_tone_curve(no_flash, flash, np.zeros((6, 7), np.bool_), 1.0) is None
+    assert strongest.height(nothing_taken_off, widths) > right.height(nothing_taken_off, widths)
+    assert strongest.excess(nothing_taken_off, widths) < 0.5 * right.excess(
+        nothing_taken_off, widths
+    )

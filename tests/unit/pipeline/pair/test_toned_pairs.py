@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.images.frames import Frame
 from pipeline.pair.tone_curve import ToneCurve
-from tests.unit.pipeline.pair.pairs_of_frames import lay_as_they_are, paired
+from tests.unit.pipeline.pair.pairs_of_frames import have_neighbours, lay_as_they_are, paired
 
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 
@@ -26,6 +26,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
         return RISING
 
     monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", find)
+    have_neighbours(monkeypatch)
     return given
 
 
@@ -48,7 +49,7 @@ def test_a_contrast_that_is_found_is_taken_off_both_photographs(
     np.testing.assert_allclose(pair.no_flash[:], RISING.light(before.pixels[:]), rtol=2e-4)
     np.testing.assert_allclose(pair.flash[:], RISING.light(seen) / 0.5, rtol=2e-4)
     np.testing.assert_array_equal(after.pixels[:], seen)
-    assert asked[0][3] == 0.5
+    assert asked[0][0].ratio == 0.5
 
 
 @pytest.mark.parametrize(
