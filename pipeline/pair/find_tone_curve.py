@@ -38,6 +38,7 @@ _STEPS, _MOST_STEP = 6, 0.2
 _PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, tried by turns until a curve is likelier
 _LEAST_GAIN = 0.05  # of a step that another follows
 _SURE = 2.5  # logarithm of how much likelier a curve must be than none
+_STRANGE = 7.5  # logarithm of how much less likely cameras make a curve than none
 _EXPOSURES = np.exp(np.linspace(-1.2, 1.2, 17))  # times what is taken for granted
 
 
@@ -64,7 +65,9 @@ def find_tone_curve(
     found = [_followed(posterior, logs) for _, logs in starts[:_FOLLOWED]]
     best = max(found, key=posterior.excess)
     worth = posterior.value(best, _WIDTHS[-1]) - posterior.value(NO_CONTRAST.logs, _WIDTHS[-1])
-    if worth < _SURE or (np.diff(srgb_to_linear(KNOTS) * np.exp(best)) <= 0).any():
+    if worth < _SURE or posterior.strangeness(best) > _STRANGE:
+        return None
+    if (np.diff(srgb_to_linear(KNOTS) * np.exp(best)) <= 0).any():
         return None
     if not exposures_known and _exposures_explain(some, gains, posterior.height(best, _WIDTHS[-1])):
         return None
@@ -115,15 +118,16 @@ class _Posterior:
 
     def value(self, logs: Floats64, widths: Widths) -> float:
         """Logarithm of how likely a curve is, but for a constant."""
-        return _INDEPENDENT / 100 * self.height(logs, widths) + self._usual(logs)
+        return _INDEPENDENT / 100 * self.height(logs, widths) - self.strangeness(logs)
 
     def excess(self, logs: Floats64) -> float:
         """The same by how much more pairs of neighbours are alike than strangers."""
         seen = self.neighbours.through(ToneCurve(logs))
-        return _INDEPENDENT / 100 * seen.excess(self.gains, _WIDTHS[-1]) + self._usual(logs)
+        return _INDEPENDENT / 100 * seen.excess(self.gains, _WIDTHS[-1]) - self.strangeness(logs)
 
-    def _usual(self, logs: Floats64) -> float:
-        return -0.5 * float(logs @ self.prior @ logs)
+    def strangeness(self, logs: Floats64) -> float:
+        """Logarithm of how much less likely cameras make a curve than none."""
+        return 0.5 * float(logs @ self.prior @ logs)
 
     def step(self, logs: Floats64, widths: Widths) -> Floats64:
         """A Gauss–Newton step (K,) towards a likelier curve, as far as the narrow bell bends."""

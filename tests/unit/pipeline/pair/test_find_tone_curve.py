@@ -73,6 +73,13 @@ def test_the_curve_of_srgb_alone_stays() -> None:
     assert find_tone_curve(neighbours(photographs(s_curve(0.0), light_of()))) is None
 
 
+def test_a_curve_that_no_camera_has_is_not_taken() -> None:
+    """Values of light as if it were roots of code values."""
+    pair = photographs(lambda codes: codes**2.2, light_of())
+
+    assert find_tone_curve(neighbours(pair)) is None
+
+
 def test_the_ratio_of_exposures_is_taken_off_the_light_not_the_codes() -> None:
     no_flash, flash = light_of()
     pair = photographs(s_curve(S), (no_flash, 0.5 * flash))
