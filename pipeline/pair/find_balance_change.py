@@ -35,13 +35,12 @@ def find_balance_change(neighbours: Neighbours) -> BalanceChange | None:
     None where equal balances or a contrast explain nearly as much, or where no more differs than is
     found between photographs of one balance.
     """
-    few = neighbours.some(_ROUGH_PAIRS)
     curves = sorted(usual_contrasts(), key=lambda curve: bool(curve.logs.any()))  # none comes first
-    seen = [neighbours.through(curve) for curve in curves]
-    logs, height = _best(seen, [few.through(curve) for curve in curves])
-    alike = max(one.height(np.zeros(2), _WIDTHS[-1]) for one in seen)
-    differ = _LEAST_GAIN < np.abs(logs).max() < _MOST_GAIN
-    if not differ or height < max(_LEAST_HEIGHT, _SURE * alike):
+    logs, height = _best(neighbours, curves)
+    if not _LEAST_GAIN < np.abs(logs).max() < _MOST_GAIN:
+        return None
+    alike = max(neighbours.through(curve).height(np.zeros(2), _WIDTHS[-1]) for curve in curves)
+    if height < max(_LEAST_HEIGHT, _SURE * alike):
         return None
     return _gains(logs)
 
@@ -70,27 +69,28 @@ def _gains(logs: Floats64) -> BalanceChange:
     return BalanceChange(*(float(gain) for gain in np.exp(logs)))
 
 
-def _best(seen: list[Seen], few: list[Seen]) -> tuple[Floats64, float]:
+def _best(neighbours: Neighbours, curves: list[ToneCurve]) -> tuple[Floats64, float]:
     """Logarithms (2,) of the gains of red and blue with the highest peak, and its height.
 
-    seen: the same pairs through several curves, the first of which is taken unless another has a
-    far higher peak. few: some of them. Both results are 0 where the peak is highest without gains
-    even before it is followed.
+    curves: the first of them is taken unless through another the peak is far higher. Both results
+    are 0 where the peak is highest without gains even before it is followed.
     """
+    few = neighbours.some(_ROUGH_PAIRS)
     grid = [np.array(logs) for logs in product(_GRID, _GRID)]
     starts = [
-        (one.height(logs, _WIDTHS[0]), which, place)
-        for which, one in enumerate(few)
+        (seen.height(logs, _WIDTHS[0]), which, place)
+        for which, seen in enumerate(few.through(curve) for curve in curves)
         for place, logs in enumerate(grid)
     ]
     starts.sort(reverse=True)
     if not grid[starts[0][2]].any():
-        return np.zeros(2), 0.0  # most of all where there is none: saves half
+        return np.zeros(2), 0.0  # most of all where there is none: saves nearly all
     first = next(start for start in starts if start[1] == 0)
     found = []
     for _, which, place in (first, *starts[:_FOLLOWED]):
-        logs = _climbed(seen[which], grid[place])
-        found.append((seen[which].height(logs, _WIDTHS[-1]), logs))
+        seen = neighbours.through(curves[which])
+        logs = _climbed(seen, grid[place])
+        found.append((seen.height(logs, _WIDTHS[-1]), logs))
     best = max(found, key=lambda one: one[0])
     height, logs = best if best[0] > _FAR_HIGHER * found[0][0] else found[0]
     return logs, height
