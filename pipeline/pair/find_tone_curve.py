@@ -14,7 +14,6 @@ from itertools import product
 import numpy as np
 
 from pipeline.arrays import Floats64
-from pipeline.colour.curves import srgb_to_linear
 from pipeline.pair.balance_change import TO_SENSOR, BalanceChange
 from pipeline.pair.one_surface import FlashParts, Neighbours, Widths, taken_off
 from pipeline.pair.tone_curve import KNOTS, NO_CONTRAST, ToneCurve
@@ -65,13 +64,12 @@ def find_tone_curve(
     found = [_followed(posterior, logs) for _, logs in starts[:_FOLLOWED]]
     best = max(found, key=posterior.excess)
     worth = posterior.value(best, _WIDTHS[-1]) - posterior.value(NO_CONTRAST.logs, _WIDTHS[-1])
-    if worth < _SURE or posterior.strangeness(best) > _STRANGE:
-        return None
-    if (np.diff(srgb_to_linear(KNOTS) * np.exp(best)) <= 0).any():
+    curve = ToneCurve(best)
+    if worth < _SURE or posterior.strangeness(best) > _STRANGE or not curve.rises:
         return None
     if not exposures_known and _exposures_explain(some, gains, posterior.height(best, _WIDTHS[-1])):
         return None
-    return ToneCurve(best)
+    return curve
 
 
 def _exposures_explain(neighbours: Neighbours, gains: Floats64, height: float) -> bool:

@@ -35,6 +35,15 @@ class ToneCurve:
 
     logs: Floats64
 
+    @property
+    def rises(self) -> bool:
+        """Whether light grows at least in proportion to code values from .1 on.
+
+        So it does through cameras' curves, if not in the deepest shadows; about with the square.
+        """
+        light = np.log(srgb_to_linear(KNOTS[1:])) + self.logs[1:]
+        return bool((np.diff(light) >= np.diff(np.log(KNOTS[1:]))).all())
+
     def light(self, srgb: Floats) -> Floats32:
         """Light of values that sRGB's curve has made linear (1.0 = white), of any shape.
 

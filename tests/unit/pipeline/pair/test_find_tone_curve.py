@@ -80,6 +80,13 @@ def test_a_curve_that_no_camera_has_is_not_taken() -> None:
     assert find_tone_curve(neighbours(pair)) is None
 
 
+def test_a_curve_that_is_nearly_level_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = neighbours(photographs(s_curve(S), light_of()))
+    monkeypatch.setattr(ToneCurve, "rises", property(lambda _: False))
+
+    assert find_tone_curve(seen) is None
+
+
 def test_the_ratio_of_exposures_is_taken_off_the_light_not_the_codes() -> None:
     no_flash, flash = light_of()
     pair = photographs(s_curve(S), (no_flash, 0.5 * flash))

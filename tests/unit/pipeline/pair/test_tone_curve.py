@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.images.coded import TableImage
 from pipeline.images.frames import Frame
@@ -20,6 +21,20 @@ def test_light_is_that_of_srgb_times_the_curve_at_its_code_value() -> None:
 
     assert light.dtype == np.float32
     np.testing.assert_allclose(light, srgb_to_linear(codes) * np.exp(codes - 1), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("logs", "rises"),
+    [
+        (np.zeros(11), True),
+        (np.linspace(-1.0, 0.0, 11), True),
+        (-np.log(np.maximum(srgb_to_linear(KNOTS), 1e-3) / np.maximum(KNOTS, 0.05)), True),
+        ((0.0, 0.0, 0.0, 0.0, -0.4, -0.4, -0.4, -0.4, -0.4, -0.4, 0.0), False),
+        ((1.4, 1.4, 0.9, 0.3, -0.2, -0.6, -0.9, -0.9, -0.9, -0.7, 0.0), False),
+    ],
+)
+def test_light_rises_at_least_in_proportion_to_code_values(logs: Floats64, rises: bool) -> None:
+    assert ToneCurve(0.999 * np.array(logs)).rises is rises
 
 
 def test_beyond_black_and_white_light_goes_on_in_proportion() -> None:
