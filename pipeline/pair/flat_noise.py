@@ -37,7 +37,7 @@ _ROUNDS = 5  # of laying the line anew by the differences within
 _WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
 _MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
 _LESS = 0.5  # of its own; few independent pixels, as compression leaves, explain more by chance
-_LEAST = 0.04  # of its own: no lamp is just a matrix of all colours of a texture
+_LEAST = 0.01  # of its own: no lamp is just a matrix of all colours of a texture
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
 _BESIDE = 4  # pixels around unusable ones that demosaicing and denoising have drawn into them
@@ -55,7 +55,7 @@ def estimate_noises(
     value in both, as of a frame drawn around them. Second differences
     (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
-    other photograph does not explain is less; it counts, but at least as a 25th. Done on the
+    other photograph does not explain is less; it counts, but at least as a 100th. Done on the
     photographs and on means of 2×2 pixels, since denoising and compression leave noise that hides
     from neighbouring pixels; smaller than 64 pixels, once. Of photographs of more than two million
     pixels, two are looked at, in tiles all over the picture.
