@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import PairOptions
+from pipeline.pair.find_exposure_ratio import find_exposure_ratio
 from pipeline.pair.ratios import Ratios, brightening, darker_share, ratio_without_flash
 from pipeline.run_warnings import Code, RunWarning
 
@@ -58,9 +59,13 @@ def settled_ratio(
 ) -> tuple[ExposureRatio, list[RunWarning]]:
     """Hold a ratio against the pixels; returns the one to use and what to warn of.
 
-    ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it. A
-    ratio that was given or written is kept, one that nobody knows is estimated where that is safe.
+    ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it, whose
+    colours do not tell a ratio: a white balance that differs looks like one. A ratio that was given
+    or written is kept, one that nobody knows is estimated where that is safe.
     """
+    by_colours = None if rendered else find_exposure_ratio(ratios)
+    if by_colours is not None:
+        return _held_against_colours(ratio, ratios, by_colours)
     peak = ratio_without_flash(ratios)
     if ratio.source == "assumed":
         if peak is None:
@@ -86,10 +91,35 @@ def settled_ratio(
         )
         figures = {"ratio": ratio.value, "ratio_shown": shown}
         return ratio, [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
+    return ratio, _doubted_if_darker(ratio, ratios, rendered)
+
+
+def _held_against_colours(
+    ratio: ExposureRatio, ratios: Ratios, factor: float
+) -> tuple[ExposureRatio, list[RunWarning]]:
+    """As settled_ratio; factor: of find_exposure_ratio."""
+    if factor == 1.0:
+        return ratio, _doubted_if_darker(ratio, ratios, False)
+    shown = ratio.value * factor
+    if ratio.source == "assumed":
+        message = (
+            f"The files do not say how they were exposed. With a ratio of {shown:.3g} the flash's "
+            "light has one colour on one surface, with equal exposures it has not, so that ratio "
+            "was taken. Pass the exposure ratio if you know it."
+        )
+        found = ExposureRatio(shown, "pixels")
+        return found, [RunWarning(Code.EXPOSURE_ESTIMATED, message, {"ratio": shown})]
+    message = (
+        f"{_said(ratio)}, {ratio.value:.3g}, does not fit: with it the flash's light has many "
+        f"colours on one surface, with {shown:.3g} it has one. {_ADVICE}"
+    )
+    figures = {"ratio": ratio.value, "ratio_shown": shown}
+    return ratio, [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
+
+
+def _doubted_if_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> list[RunWarning]:
     share = darker_share(ratios, rendered)
-    if share < _MANY_DARKER:
-        return ratio, []
-    return ratio, [darkening(ratio, ratios, share)]
+    return [] if share < _MANY_DARKER else [darkening(ratio, ratios, share)]
 
 
 def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> RunWarning:

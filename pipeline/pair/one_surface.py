@@ -15,6 +15,7 @@ it falls off with distance and as surfaces turn. So the exposures must be known.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -160,9 +161,28 @@ def find_neighbours(
     light = both @ TO_SENSOR.T
     known &= light.min(axis=(0, 3)) > _LEAST_LIGHT
     lamps = light[0] * ratio / np.maximum(light[1], _LEAST_LIGHT)
+    pairs = pairs_apart(lamps, known, _OFFSETS, _FEW_PAIRS)
+    if pairs is None:
+        return None
+    return Neighbours(both.reshape(2, -1, 3).take(pairs, axis=1).reshape(4, -1, 3), ratio)
+
+
+def pairs_apart(
+    lamps: Floats64, known: Mask, offsets: Sequence[tuple[int, int]], few: int
+) -> NDArray[np.int_] | None:
+    """Numbers (2, n) of neighbouring blocks, row by row, in which the lamps' share differs.
+
+    None where there are fewer than `few`; not all where there are very many.
+
+    Parameters
+    ----------
+    lamps : (h, w, 3), the lamps' share of the flash photograph, of the most there is
+    known : bool (h, w), blocks that tell of light
+    offsets : (rows ≥ 0, columns) in blocks from a block to its neighbours
+    """
     numbers = np.arange(known.size).reshape(known.shape)
     found = []
-    for down, across in _OFFSETS:
+    for down, across in offsets:
         one = slice(0, max(len(known) - down, 0)), slice(max(-across, 0), None)
         other = slice(down, None), slice(max(across, 0), None)
         columns = max(known.shape[1] - abs(across), 0)
@@ -171,10 +191,7 @@ def find_neighbours(
         there = known[one][:, :columns] & known[other][:, :columns] & (apart > _LEAST_APART)
         found.append(np.stack([first[there], second[there]]))
     pairs = np.concatenate(found, axis=1)
-    if pairs.shape[1] < _FEW_PAIRS:
-        return None
-    pairs = pairs[:, _spread(pairs.shape[1], _MOST_PAIRS)]
-    return Neighbours(both.reshape(2, -1, 3).take(pairs, axis=1).reshape(4, -1, 3), ratio)
+    return pairs[:, _spread(pairs.shape[1], _MOST_PAIRS)] if pairs.shape[1] >= few else None
 
 
 def _spread(count: int, most: int) -> NDArray[np.int_]:

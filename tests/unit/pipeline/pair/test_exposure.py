@@ -11,6 +11,8 @@ from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
 from pipeline.pair.ratios import Ratios
+from tests.unit.pipeline.pair.ratios_of_scenes import ratios_of
+from tests.unit.pipeline.pair.shadows_on_paint import light_of
 
 RNG = np.random.default_rng(3)
 
@@ -18,9 +20,11 @@ RNG = np.random.default_rng(3)
 def ratios(reached: float, unreached: float | None) -> Ratios:
     """A third of the blocks at one ratio in all channels, the others above, in the flash's colour.
 
-    reached: the least ratio of the others. unreached: of the third, None for none.
+    reached: the least ratio of the others. unreached: of the third, None for none. All things are
+    of other colours, which tell nothing.
     """
     logs = np.log(reached) + RNG.uniform(0, 1, (60, 60, 1)) + np.array([0.0, 0.2, 0.4])
+    logs += RNG.uniform(-0.15, 0.15, logs.shape)
     if unreached is not None:
         logs[:20] = np.log(unreached) + RNG.normal(0, 0.003, (20, 60, 3))
     return Ratios(np.ones_like(logs), logs, np.full_like(logs, 0.003), np.ones((60, 60), bool), 1)
@@ -147,3 +151,50 @@ def test_too_few_sure_blocks_tell_nothing() -> None:
     noisy = replace(ratios(0.4, 0.3), noise=np.full((60, 60, 3), 0.2))
 
     assert settled_ratio(ExposureRatio(1.0, "exif"), noisy, rendered=False)[1] == []
+
+
+def in_shadows(factor: float) -> Ratios:
+    """Of paint in shadows, under a flash, on the scale of a ratio so many times the right one."""
+    right = ratios_of(*light_of())
+    return replace(right, logs=right.logs - np.log(factor))
+
+
+@pytest.mark.parametrize("source", ["assumed", "exif", "option"])
+def test_colours_that_agree_with_a_ratio_leave_it_without_a_word(source: str) -> None:
+    ratio = ExposureRatio(1.0, source)
+
+    assert settled_ratio(ratio, in_shadows(1.0), rendered=False) == (ratio, [])
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_ratio_that_nobody_knows_is_taken_from_colours(factor: float) -> None:
+    ratio = ExposureRatio(1.0, "assumed")
+
+    found, (warning,) = settled_ratio(ratio, in_shadows(factor), rendered=False)
+
+    assert found.source == "pixels"
+    assert found.value == pytest.approx(1 / factor, rel=0.03)
+    assert warning.code == "exposure_estimated"
+    assert f"With a ratio of {found.value:.3g} the flash's light has one colour" in warning.message
+
+
+@pytest.mark.parametrize(("source", "said"), [("exif", "The files'"), ("option", "The")])
+def test_a_ratio_that_colours_contradict_is_kept_and_doubted(source: str, said: str) -> None:
+    ratio = ExposureRatio(2.0, source)
+
+    found, (warning,) = settled_ratio(ratio, in_shadows(2.0), rendered=False)
+
+    assert found == ratio
+    assert warning.code == "exposure_mismatch"
+    assert warning.message.startswith(f"{said} exposure ratio")
+    assert warning.figures is not None
+    assert warning.figures["ratio_shown"] == pytest.approx(1.0, rel=0.03)
+
+
+def test_colours_of_rendered_photographs_tell_no_ratio() -> None:
+    ratio = ExposureRatio(1.0, "assumed")
+
+    found, (warning,) = settled_ratio(ratio, in_shadows(0.5), rendered=True)
+
+    assert found == ratio
+    assert warning.code == "exposure_assumed"

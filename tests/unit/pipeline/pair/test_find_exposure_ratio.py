@@ -1,0 +1,94 @@
+"""Ratios of paint in the shadows of two lamps, under a flash that reaches everything."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.arrays import Floats64
+from pipeline.pair.find_exposure_ratio import find_exposure_ratio
+from pipeline.pair.ratios import Ratios
+from tests.unit.pipeline.pair.ratios_of_scenes import FLASH, LAMP, ratios_of, scene
+from tests.unit.pipeline.pair.shadows_on_paint import light_of
+
+
+def brought_by(factor: float, ratios: Ratios) -> Ratios:
+    """The same pair on the scale of a ratio that is so many times the right one."""
+    return replace(ratios, logs=ratios.logs - np.log(factor))
+
+
+def with_flash(lamps: Floats64, flash: Floats64) -> Ratios:
+    return ratios_of(lamps, lamps + flash)
+
+
+def in_shadows(flash: float = 0.35) -> Ratios:
+    return ratios_of(*light_of(flash=flash))
+
+
+@pytest.mark.parametrize("factor", [0.125, 0.5, 0.8, 1.25, 2.0, 8.0])
+@pytest.mark.parametrize("flash", [0.1, 0.35])
+def test_a_wrong_ratio_is_told_to_three_percent(factor: float, flash: float) -> None:
+    found = find_exposure_ratio(brought_by(factor, in_shadows(flash)))
+
+    assert found == pytest.approx(1 / factor, rel=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
+def test_a_right_ratio_stays(factor: float) -> None:
+    assert find_exposure_ratio(brought_by(factor, in_shadows())) == 1.0
+
+
+@pytest.mark.parametrize(("factor", "told"), [(0.25, 4.0), (0.8, None), (1.25, None), (4.0, 0.25)])
+def test_of_a_strong_flash_only_a_very_wrong_ratio_is_told(
+    factor: float, told: float | None
+) -> None:
+    """The lamps' light changes its colour little."""
+    found = find_exposure_ratio(brought_by(factor, in_shadows(flash=1.5)))
+
+    assert found == (told if told is None else pytest.approx(told, rel=0.03))
+
+
+def test_neither_things_that_are_black_nor_clipped_count() -> None:
+    lamps, both = light_of()
+    left = np.s_[:, :120]
+    bad = np.zeros(lamps.shape[:2], bool)
+    lamps[left], both[left], bad[left] = 1.0, 1.0, True
+    lamps[:40], both[:40] = 1e-9, 2e-9
+
+    found = find_exposure_ratio(brought_by(2.0, ratios_of(lamps, both, bad)))
+
+    assert found == pytest.approx(0.5, rel=0.03)
+
+
+def test_lamps_of_the_colour_of_the_flash_tell_nothing() -> None:
+    lamps, flash = scene()
+
+    for factor in (0.5, 1.0, 2.0):
+        assert (
+            find_exposure_ratio(brought_by(factor, with_flash(lamps / LAMP * FLASH, flash))) is None
+        )
+
+
+def test_an_even_share_of_the_lamps_tells_nothing() -> None:
+    lamps, _ = scene()
+
+    for factor in (0.5, 1.0, 2.0):
+        assert (
+            find_exposure_ratio(brought_by(factor, with_flash(lamps, lamps / LAMP * FLASH))) is None
+        )
+
+
+def test_unusable_pairs_and_few_blocks_tell_nothing() -> None:
+    ratios = in_shadows()
+    few = Ratios(
+        ratios.no_flash[:12, :12],
+        ratios.logs[:12, :12],
+        ratios.noise[:12, :12],
+        ratios.usable[:12, :12],
+        1,
+    )
+
+    assert find_exposure_ratio(replace(ratios, usable=np.zeros_like(ratios.usable))) is None
+    assert find_exposure_ratio(few) is None
