@@ -25,7 +25,7 @@ import numba
 from numba import njit
 from numba.core.registry import cpu_target
 
-from pipeline.sources import digest
+from pipeline.code_digest import digest
 
 _config: Any = numba.config  # which has what the variables NUMBA_… said
 

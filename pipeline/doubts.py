@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.hui2018.separation import published_layers
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
-from pipeline.lamps.shadows import light_in_shadows
+from pipeline.lamps.light_in_shadows import light_in_shadows
 from pipeline.light.model import Model
 from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Method

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.calibration.kept import Kept, setup_warnings, with_kept
-from pipeline.calibration.named import named_warnings
+from pipeline.calibration.kept_calibrations import Kept, setup_warnings, with_kept
+from pipeline.calibration.named_calibrations import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.images.frames import Frame, release_photograph

@@ -9,8 +9,8 @@ import numpy as np
 import tifffile
 
 from pipeline.arrays import Floats64
-from pipeline.spectra.grid import on_grid
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.colour_science import colour_science
+from pipeline.spectra.wavelengths import on_grid
 
 SIZE = (360, 240)
 CORNERS = ((62.0, 58.0), (291.0, 49.0), (300.0, 188.0), (70.0, 182.0))

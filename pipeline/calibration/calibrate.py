@@ -10,7 +10,7 @@ from pipeline.calibration.calibrate_camera import calibrate_camera
 from pipeline.calibration.calibrate_flash import calibrate_flash
 from pipeline.calibration.calibrate_lamps import calibrate_lamps
 from pipeline.calibration.find_marks import MARKS
-from pipeline.calibration.named import named_warnings
+from pipeline.calibration.named_calibrations import named_warnings
 from pipeline.calibration.options import (
     FILES,
     CameraCalibration,

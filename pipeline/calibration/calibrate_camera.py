@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from pipeline.calibration.camera import estimate_camera, is_unlikely
+from pipeline.calibration.camera_sensitivities import estimate_camera, is_unlikely
 from pipeline.calibration.chart import read_chart
 from pipeline.calibration.find_marks import draw_marks, find_chart
-from pipeline.calibration.flash import FAMILY
+from pipeline.calibration.flash_spectrum import FAMILY
 from pipeline.calibration.found import Found, said_of_marks
 from pipeline.calibration.options import CameraCalibration
 from pipeline.images.frames import Frame
@@ -13,9 +13,9 @@ from pipeline.options import Sensitivities
 from pipeline.pair.pair import Pair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import find_camera, measured_cameras
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.tables import write_sensitivities
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
 
 

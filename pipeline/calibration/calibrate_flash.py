@@ -6,8 +6,8 @@ import numpy as np
 
 from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.find_marks import draw_marks, find_chart
-from pipeline.calibration.flash import estimate_flash
 from pipeline.calibration.flash_doubts import flash_doubts
+from pipeline.calibration.flash_spectrum import estimate_flash
 from pipeline.calibration.found import Found, said_of_marks
 from pipeline.calibration.options import FlashCalibration
 from pipeline.calibration.patches import Patches
@@ -18,9 +18,9 @@ from pipeline.options import Spectrum
 from pipeline.pair.pair import Pair
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, find_camera
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_spectrum
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
 
 _GREY_CARD = 0.18  # reflectance

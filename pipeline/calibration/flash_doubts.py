@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.calibration.flash import FlashEstimate, log_evidence
+from pipeline.calibration.flash_spectrum import FlashEstimate, log_evidence
 from pipeline.calibration.patches import Patches
 from pipeline.images.frames import Frame
 from pipeline.run_warnings import Code, RunWarning

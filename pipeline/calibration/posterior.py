@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Floats64
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 def smooth(reach_nm: float) -> Floats64:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats, Floats32
 from pipeline.compiling import compiled, inlined
-from pipeline.images.coded import LevelImage
+from pipeline.images.coded_image import LevelImage
 from pipeline.images.frames import Numbers, Plane, numbers_of
 from pipeline.images.memory import empty_codes
 from pipeline.images.strips import widened

@@ -14,7 +14,7 @@ from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.decode.saturation import saturation
-from pipeline.images.coded import LevelImage, TableImage
+from pipeline.images.coded_image import LevelImage, TableImage
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image, releasable
 from pipeline.images.strips import STRIP_ROWS, strips

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
-from pipeline.decode.coded_pixels import coded_pixels
 from pipeline.decode.samples import (
     CMYK,
     Samples,
@@ -23,6 +22,7 @@ from pipeline.decode.samples import (
     to_rgb,
     transparent,
 )
+from pipeline.decode.tiff_segments import segment_pixels
 from pipeline.images.max_pixels import max_pixels
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -120,7 +120,7 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
             raise ValueError("a strip goes on beyond the end")
         if page.compression not in _NO_HEADER:  # decoders believe that of the piece, not the TIFF
             places = zip(page.dataoffsets, page.databytecounts, strict=False)
-            sizes = (coded_pixels(data[at : at + count]) for at, count in places)
+            sizes = (segment_pixels(data[at : at + count]) for at, count in places)
             if max(sizes, default=0) > _most_pixels(page):
                 raise ValueError("a tile or strip that is larger than it may be")
         values = page.asarray(maxworkers=1)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pipeline.images.area_strips import AreaStrips
-from pipeline.images.coded import CodedImage
+from pipeline.images.coded_image import CodedImage
 from pipeline.images.frames import Image, Photograph
 from pipeline.images.strips import strips
 

@@ -1,4 +1,4 @@
-"""From code values to light, compiled; see pipeline.images.coded."""
+"""From code values to light, compiled; see pipeline.images.coded_image."""
 
 from __future__ import annotations
 

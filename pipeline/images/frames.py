@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats, Floats32, Floats64
-from pipeline.images.coded import CodedImage
+from pipeline.images.coded_image import CodedImage
 from pipeline.images.memory import release_rows
 from pipeline.images.noise import Noise
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.images.coded import CodedImage
+from pipeline.images.coded_image import CodedImage
 
 TILE_ROWS = 32
 """Rows of a tile."""

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.images.frames import Mask
 from pipeline.light.model import Model
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import evidence_of_area, evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin
@@ -46,7 +46,7 @@ def find_known(options: Options, reduced: ReducedPair, model: Model) -> Known:
     camera hardly sees, pinned lamps that are one, and a pinned lamp that is forbidden.
     """
 
-    def shown_by(lamp: KnownLamp, what: str) -> Data:
+    def shown_by(lamp: KnownLamp, what: str) -> Chromaticities:
         if isinstance(lamp, Circle):
             return evidence_of_area(reduced, _inside(lamp, what, reduced))
         light = find_light(lamp, what)

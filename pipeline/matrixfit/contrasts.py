@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
-from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
+from pipeline.matrixfit.chromaticities import (
+    Chromaticities,
+    by_colour,
+    draw,
+    nothing,
+    sandwich,
+    upper,
+)
 
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
@@ -116,7 +123,7 @@ def contrast(
     factors: Floats64,
     surface: Floats64,
     significance: float = 0.0,
-) -> Data:
+) -> Chromaticities:
     """Chromaticities of contrasts, Σ_k factors_k · light_k over the places of each.
 
     Left out are those that are too noisy, not above 0, or no colour of a light. The weight is what
@@ -146,10 +153,10 @@ def contrast(
     sure = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) < _MAX_NOISE
     ok = sure & (u.min(axis=1) > _MIN_COLOUR)
     worth = np.sqrt(s * strength)
-    return Data(x[ok], u[ok, :2], upper(covariance[ok]), worth[ok])
+    return Chromaticities(x[ok], u[ok, :2], upper(covariance[ok]), worth[ok])
 
 
-def drawn(parts: list[Data], count: int) -> Data:
+def drawn(parts: list[Chromaticities], count: int) -> Chromaticities:
     """At most so many of all contrasts, drawn by their worth.
 
     The weight of all together grows with how many there were, to a limit.
@@ -163,4 +170,4 @@ def drawn(parts: list[Data], count: int) -> Data:
     )
     pick = draw(worth, count)
     total = _WEIGHT * min(1.0, found / _MANY)
-    return Data(x[pick], u[pick], covariance[pick], np.full(len(pick), total / len(pick)))
+    return Chromaticities(x[pick], u[pick], covariance[pick], np.full(len(pick), total / len(pick)))

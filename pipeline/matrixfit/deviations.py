@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Numbers
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair
 
@@ -254,7 +254,9 @@ def _add_off_plane(normal: _Normal, pixels: _Pixels, chosen: NDArray[np.int64]) 
         normal.add(change, pixels.left[some] / light[:, None], _OFF**2 + noise, weight)
 
 
-def _add_alone(normal: _Normal, shown: Data, matrices: Floats64, where: Deviations) -> None:
+def _add_alone(
+    normal: _Normal, shown: Chromaticities, matrices: Floats64, where: Deviations
+) -> None:
     """Differences across edges of shadows have the chromaticity of the lamp that is nearest."""
     lamps = len(matrices)
     u = shown.light

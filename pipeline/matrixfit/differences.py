@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.contrasts import Places, RelativeLight, contrast, steps
-from pipeline.matrixfit.data import Data
 
 _SAME_SHADING = 0.15  # logarithm of the flash part
 _BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
@@ -18,7 +18,7 @@ _LEAST_FALL, _SURE = 0.2, 8.0  # of the light on the lit side; standard deviatio
 _FACTORS, _SURFACE = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 
-def find_differences(ratios: RelativeLight) -> list[Data]:
+def find_differences(ratios: RelativeLight) -> list[Chromaticities]:
     """Differences across edges of shadows, by direction; weights are their worth."""
     return [contrast(ratios, at, _FACTORS, _SURFACE) for at in shadow_edges(ratios)]
 

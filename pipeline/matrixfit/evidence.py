@@ -8,8 +8,15 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
+from pipeline.matrixfit.chromaticities import (
+    Chromaticities,
+    by_colour,
+    draw,
+    nothing,
+    sandwich,
+    upper,
+)
 from pipeline.matrixfit.contrasts import RelativeLight, drawn, relative_light
-from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
@@ -37,10 +44,10 @@ class Evidence:
     terminators, nor beside edges in a photograph that a camera rendered.
     """
 
-    pixels: Data
-    differences: Data
-    terminators: Data
-    pools: Data
+    pixels: Chromaticities
+    differences: Chromaticities
+    terminators: Chromaticities
+    pools: Chromaticities
     difference_share: float
     terminator_share: float
 
@@ -107,17 +114,17 @@ def _readable_light(reduced: ReducedPair, readings: _Readings) -> RelativeLight:
     return relative_light(no_flash, flash, v_n, v_f, use, readings.coupled)
 
 
-def _count(parts: list[Data]) -> int:
+def _count(parts: list[Chromaticities]) -> int:
     return sum(len(part) for part in parts)
 
 
-def evidence_of_area(reduced: ReducedPair, area: Mask) -> Data:
+def evidence_of_area(reduced: ReducedPair, area: Mask) -> Chromaticities:
     """What the usable pixels of an area (h, w) show."""
     data = _pixels(_readings(reduced), area & reduced.usable)
     return replace(data, weight=data.weight * (_AREA_WEIGHT / _PIXEL_WEIGHT))
 
 
-def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Data:
+def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Chromaticities:
     """What surfaces show under one lamp, exactly.
 
     flash, light: (m, 3) camera RGB of surfaces under the flash and under the lamp; those that
@@ -127,7 +134,7 @@ def evidence_of_surfaces(flash: Floats64, light: Floats64) -> Data:
     flash, light = flash[lit], light[lit]
     x, u = (a / a.sum(axis=1, keepdims=True) for a in (flash, light))
     weight = np.full(len(x), _SURFACE_WEIGHT / max(len(x), 1))
-    return Data(x, u[:, :2], np.zeros_like(x), weight)
+    return Chromaticities(x, u[:, :2], np.zeros_like(x), weight)
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,7 @@ def _readings(reduced: ReducedPair) -> _Readings:
     return _Readings(no_flash, flash, v_n, v_f, coupled)
 
 
-def _pixels(readings: _Readings, use: Mask) -> Data:
+def _pixels(readings: _Readings, use: Mask) -> Chromaticities:
     """What pixels (h, w) show, rare light more often; the covariance is that of u − u(x).
 
     u is the light's chromaticity and x the flash part's, by which a lamp's u changes (by_colour).
@@ -182,7 +189,7 @@ def _pixels(readings: _Readings, use: Mask) -> Data:
     cross = c_ux @ j.transpose(0, 2, 1)
     c = c_u + j @ c_x @ j.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
     weight = np.full(len(x), _PIXEL_WEIGHT / max(len(x), 1))
-    return Data(x, u[:, :2], upper(c), weight)
+    return Chromaticities(x, u[:, :2], upper(c), weight)
 
 
 def _rarity(u: Floats64, x: Floats64) -> Floats64:

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.light.model import Model
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
 from pipeline.matrixfit.objective import (
@@ -93,7 +93,7 @@ class Fit:
     passed_over: tuple[Floats64, ...] = ()
 
 
-def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
+def fit_pin(data: Chromaticities, model: Model, of_area: bool) -> Pin:
     """Pin the lamp that shows these data alone: the likeliest matrix, however few colours."""
     term = alone_term(data)
     start = model.lamp_matrix(unit(invariants(data, model.tensor).sum(axis=0)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
-from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.chromaticities import Chromaticities, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Whitened, difference_term
 from pipeline.matrixfit.pools import without_coves
@@ -61,7 +61,7 @@ def _degrees_off(lights: Floats64, model: Model, matrices: Floats64) -> Floats64
     return angles_deg(cosines.max(axis=1))
 
 
-def _cost(differences: Data, matrices: Floats64) -> float:
+def _cost(differences: Chromaticities, matrices: Floats64) -> float:
     """−log likelihood of differences, or of pools."""
     term = difference_term(differences, len(matrices))
     whitened = Whitened(replace(term, data=term.data.thinned(_DATA)), _LEVEL)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.light.prior import MatrixPrior
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.mixture import blocks, mixture
 
@@ -47,7 +47,7 @@ class Term:
     nothing is expected to.
     """
 
-    data: Data
+    data: Chromaticities
     shape: Shape
     weights: Floats64
     pseudo_count: float | None
@@ -156,12 +156,12 @@ def make_terms(
     ]
 
 
-def alone_term(data: Data) -> Term:
+def alone_term(data: Chromaticities) -> Term:
     """The mixture of what one lamp shows alone."""
     return Term(data, _ALONE, np.array([0.98, 0.02]), None)
 
 
-def difference_term(differences: Data, lamps: int) -> Term:
+def difference_term(differences: Chromaticities, lamps: int) -> Term:
     """The mixture of differences across edges of shadows, or of pools, for one to four lamps."""
     weights = _dealt({1: (0.8, 0.0), 2: (0.4, 0.4)}.get(lamps, (0.39, 0.3)), lamps)
     weights = np.append(weights, 1.0 - weights.sum())
@@ -193,7 +193,7 @@ def _with_mirrors(term: Term, flash_white: Floats64) -> Term:
     return replace(term, weights=weights, mirrored=flash_white / flash_white.sum())
 
 
-def _pixel_term(pixels: Data, lamps: int, pure_share: float) -> Term:
+def _pixel_term(pixels: Chromaticities, lamps: int, pure_share: float) -> Term:
     """The mixture of pixels, of which each of several lamps lights a share alone."""
     weights = {
         1: (0.97, 0.03),
@@ -204,7 +204,7 @@ def _pixel_term(pixels: Data, lamps: int, pure_share: float) -> Term:
     return Term(pixels, _PIXELS, np.array(weights[lamps]), None)
 
 
-def _outline_term(pixels: Data, lamps: int) -> Term:
+def _outline_term(pixels: Chromaticities, lamps: int) -> Term:
     """The mixture of pixels where edges tell nothing: hardly any is lit by one lamp alone."""
     weights = {
         1: (0.98, 0.02),
@@ -214,7 +214,7 @@ def _outline_term(pixels: Data, lamps: int) -> Term:
     return Term(pixels, _OUTLINE, np.array(weights[lamps]), None)
 
 
-def _pool_term(pools: Data, lamps: int) -> Term:
+def _pool_term(pools: Chromaticities, lamps: int) -> Term:
     """The mixture of pools beside edges: of three lamps, some bend all light, as coves do."""
     term = difference_term(pools, lamps)
     if lamps < 3:
@@ -224,7 +224,7 @@ def _pool_term(pools: Data, lamps: int) -> Term:
     return replace(term, shape=replace(term.shape, interior=True), weights=weights)
 
 
-def _terminator_term(terminators: Data, lamps: int) -> Term:
+def _terminator_term(terminators: Chromaticities, lamps: int) -> Term:
     """The mixture of terminators: one lamp's alone, seldom two that lie together."""
     weights = _dealt((0.9, 0.0) if lamps == 1 else (0.85, 0.05), lamps)
     return Term(terminators, _TERMINATORS, np.append(weights, 0.1), _PSEUDO_COUNT)

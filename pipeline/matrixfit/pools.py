@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
+from pipeline.matrixfit.chromaticities import Chromaticities, draw
 from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
-from pipeline.matrixfit.data import Data, draw
 from pipeline.vectors import cross_2d
 
 _REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
@@ -25,7 +25,7 @@ _SIDES = np.array([-1, 0, 1])
 _FACTORS, _SURFACE = np.array([1.0, -2.0, 1.0]), np.array([0.0, 1.0, 0.0])
 
 
-def find_pools(ratios: RelativeLight) -> list[Data]:
+def find_pools(ratios: RelativeLight) -> list[Chromaticities]:
     """Bends of the light on flat surfaces of one colour, by direction; weights are their worth."""
     if not ratios.use.any():
         return []
@@ -44,7 +44,7 @@ def find_pools(ratios: RelativeLight) -> list[Data]:
     return parts
 
 
-def without_coves(pools: Data, matrices: Floats64) -> Data:
+def without_coves(pools: Chromaticities, matrices: Floats64) -> Chromaticities:
     """Pools but those in which the light of all three lamps (3, 3, 3) bends.
 
     So it does where a backdrop bends from table to wall, which the flash lights too evenly to tell.
@@ -53,7 +53,7 @@ def without_coves(pools: Data, matrices: Floats64) -> Data:
     whole = cross_2d(b - a, c - a)
     parts = np.array([cross_2d(p - u, q - u) for p, q in ((b, c), (c, a), (a, b))])
     keep = (np.sign(whole) * parts).min(axis=0) <= _EVERY * np.abs(whole)
-    return Data(pools.x[keep], u[keep], pools.covariance[keep], pools.weight[keep])
+    return Chromaticities(pools.x[keep], u[keep], pools.covariance[keep], pools.weight[keep])
 
 
 def _bends(

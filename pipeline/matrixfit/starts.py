@@ -10,7 +10,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.lights import NO_AGREEMENT
 from pipeline.hui2018.projection import from_plane, to_plane
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
 
@@ -23,7 +23,7 @@ _SAME_DEGREES = 1.5
 _MOST_CANDIDATES = 30
 
 
-def invariants(data: Data, tensor: Floats64) -> Floats64:
+def invariants(data: Chromaticities, tensor: Floats64) -> Floats64:
     """Unit Γ (n, 3) of data, those that the model cannot solve left out."""
     gammas = unit(light_coefficients(data.light, data.x, tensor))
     return np.asarray(gammas[gammas.any(axis=1)])

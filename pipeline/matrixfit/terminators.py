@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
-from pipeline.matrixfit.data import Data
 
 _REACH = 3  # steps to either side
 _SAME_SHADING = 0.3  # logarithm of the flash part, from the middle to the next
@@ -25,7 +25,7 @@ _FACTORS = np.array([-0.5, 1.0, 0.5, -2.0, 0.5, 1.0, -0.5])
 _SURFACE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def find_terminators(ratios: RelativeLight) -> list[Data]:
+def find_terminators(ratios: RelativeLight) -> list[Chromaticities]:
     """Bends of the light along surfaces of one colour, by direction; weights are their worth."""
     use = ratios.use
     if not use.any():

@@ -14,7 +14,7 @@ from pipeline.compiling import exact, spliced
 from pipeline.images.frames import Colour, Image, Mask
 from pipeline.images.quantiles import weighted_quantile
 from pipeline.light.shares import shares, shares_of_three, shares_of_two
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import cross_2d
@@ -83,14 +83,14 @@ def share_beside(reduced: ReducedPair, matrices: Floats64) -> float:
     return float(light[surely & ~alike].sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
-def share_off(differences: Data, matrices: Floats64) -> float:
+def share_off(differences: Chromaticities, matrices: Floats64) -> float:
     """Share of the differences that show none of the lamps alone."""
     if not len(differences):
         return 0.0
     return float(1.0 - shares_alone(differences, matrices).sum())
 
 
-def share_of_third(differences: Data, matrices: Floats64) -> float:
+def share_of_third(differences: Chromaticities, matrices: Floats64) -> float:
     """Share of the differences that two lamps (2, 3, 3) do not give, and a third may.
 
     They show neither lamp alone, nor more of one and less of the other. The latter lie beyond the
@@ -112,7 +112,7 @@ def share_of_third(differences: Data, matrices: Floats64) -> float:
     return float(np.mean(~near & ~swapped))
 
 
-def shares_alone(data: Data, matrices: Floats64) -> Floats64:
+def shares_alone(data: Chromaticities, matrices: Floats64) -> Floats64:
     """Shares (N,) of the data that show each of the lamps (N, 3, 3) alone, 0 without any."""
     if not len(data):
         return np.zeros(len(matrices))
@@ -132,7 +132,7 @@ def places_alone(evidence: Evidence, matrices: Floats64) -> Floats64:
     return edges + _TERMINATOR * bends
 
 
-def share_outside(pixels: Data, matrices: Floats64) -> float:
+def share_outside(pixels: Chromaticities, matrices: Floats64) -> float:
     """Share of the pixels outside the triangle of three lamps."""
     corners = pixels.corners(matrices)
     turn = np.sign(cross_2d(corners[1] - corners[0], corners[2] - corners[0]))
@@ -232,5 +232,5 @@ def _total(light: Floats32) -> Floats32:
     return np.asarray(light @ np.ones(3, np.float32))
 
 
-def _deviation(data: Data) -> Floats64:
+def _deviation(data: Chromaticities) -> Floats64:
     return np.sqrt(data.variance / 2)

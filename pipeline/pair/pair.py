@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.images.coded import CodedImage
+from pipeline.images.coded_image import CodedImage
 from pipeline.images.frames import Frame, Image, Mask, Photograph
 from pipeline.images.memory import empty_image, releasable
 from pipeline.images.noise import Noise
 from pipeline.options import PairOptions
 from pipeline.pair.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
 from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.find_tone_curve import find_tone_curve
-from pipeline.pair.flat_noise import estimate_noises
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.motion import find_moved
 from pipeline.pair.one_surface import find_neighbours

@@ -13,9 +13,9 @@ from pipeline.images.frames import Image, Mask
 from pipeline.images.noise import Noise
 from pipeline.images.sigma_filter import ROUNDS, sigma_filter
 from pipeline.images.strips import strips, widened
+from pipeline.pair.misregistration import SOFTENED_HALO, registration_variance, softened
 from pipeline.pair.pair import Pair
 from pipeline.pair.placing import place_flash, placement
-from pipeline.pair.registration import SOFTENED_HALO, registration_variance, softened
 
 _LONG_SIDE = 512  # blocks at most
 _BLOCK_ROWS = 16  # worked on at a time

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.arrays import Floats, Floats32, Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.compiling import exact
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Frame, Photograph
 from pipeline.images.memory import empty_image
 from pipeline.images.noise import Noise, line_through

@@ -29,7 +29,7 @@ from pipeline.images.strips import widened
 from pipeline.lamps.lamps import Lamps
 from pipeline.light.model import Model
 from pipeline.options import Options, Quality
-from pipeline.pair import placing, registration
+from pipeline.pair import misregistration, placing
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
 from pipeline.progress import Progress
@@ -170,8 +170,8 @@ def _filtered(
     def read(rows: slice, planes: Floats32) -> None:
         for photograph, part in ((pair.no_flash, planes[:3]), (pair.flash, planes[3:])):
             if pair.registration_px > 0:
-                wide, inner = widened(rows, registration.SOFTENED_HALO, height)
-                write_planes(registration.softened(photograph[wide]), inner, part)
+                wide, inner = widened(rows, misregistration.SOFTENED_HALO, height)
+                write_planes(misregistration.softened(photograph[wide]), inner, part)
             else:
                 write_planes(photograph, rows, part)
 
@@ -204,8 +204,8 @@ def _reliability(
     placed, uncertainty = np.ones_like(confidence), np.empty_like(confidence)
     beside = np.zeros_like(confidence)
     if pair.registration_px > 0:
-        wide, inner = widened(rows, registration.HALO, len(pair.unusable))
-        variance = registration.registration_variance(pair.flash[wide], pair.registration_px)
+        wide, inner = widened(rows, misregistration.HALO, len(pair.unusable))
+        variance = misregistration.registration_variance(pair.flash[wide], pair.registration_px)
         beside = variance[inner].sum(axis=2)
         part = pair.flash[rows].sum(axis=2)
         if not pair.flash_only:

@@ -15,13 +15,13 @@ from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import Sensitivities
 from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.colour_science import colour_science, without_warnings
 from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.folder import folder_spectra, read_spectrum
-from pipeline.spectra.grid import on_grid
-from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import packaged_light, reflectance_spectra
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_sensitivities
+from pipeline.spectra.wavelengths import on_grid
 from pipeline.taken_with import TakenWith
 
 _PACKAGED = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}

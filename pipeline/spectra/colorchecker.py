@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 
 from pipeline.arrays import Floats64
+from pipeline.spectra.colour_science import colour_science
 from pipeline.spectra.disk_cache import cached_on_disk
-from pipeline.spectra.grid import on_grid
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.wavelengths import on_grid
 
 ROWS, COLUMNS = 4, 6
 

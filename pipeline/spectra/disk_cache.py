@@ -21,7 +21,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.sources import digest
+from pipeline.code_digest import digest
 
 _Given = ParamSpec("_Given")
 _Table = TypeVar("_Table", bound=NDArray[Any])

@@ -16,12 +16,12 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.colorchecker import colorchecker_spectra
+from pipeline.spectra.colour_science import colour_science, without_warnings
 from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.folder import folder_spectra, read_spectrum
-from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
-from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_spectrum
+from pipeline.spectra.wavelengths import STEP_NM, WAVELENGTHS_NM, on_grid
 
 _FLASHES = {"led": "LED-B5"}
 """Names of our own for lights of colour-science: a phosphor-converted white LED of 6500 K."""

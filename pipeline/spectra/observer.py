@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 
 from pipeline.arrays import Floats64
+from pipeline.spectra.colour_science import colour_science
 from pipeline.spectra.disk_cache import cached_on_disk
-from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 @cache

@@ -11,7 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response, StreamingResponse
 from numpy.typing import NDArray
 
-from pipeline.encode.scan_lines import ScanLines
+from pipeline.encode.exr_rows import ScanLines
 from pipeline.errors import OptionError
 from pipeline.result_names import LAYERS, layer_channels
 from service.api.callers import Calling

@@ -13,13 +13,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from pipeline.errors import InputError, OptionError, reason_of
 from pipeline.options import DirectedLight, Sensitivities, Spectrum
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.tables import (
     parse_sensitivities,
     parse_spectrum,
     write_sensitivities,
     write_spectrum,
 )
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from service import durable
 from service.cli.files import read_file
 from service.cli.keeping import marks_beside

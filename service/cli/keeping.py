@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pipeline.calibration.kept import Kept
+    from pipeline.calibration.kept_calibrations import Kept
     from pipeline.taken_with import Kind, TakenWith
 
 
@@ -27,7 +27,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     content: the file that was found. marks: the picture of where, which is put beside it.
     Raises pipeline.errors.InputError, and then what was kept before still is.
     """
-    from pipeline.calibration.kept import Kept
+    from pipeline.calibration.kept_calibrations import Kept
     from pipeline.errors import InputError, reason_of
     from pipeline.taken_with import TakenWith
     from service import durable
@@ -72,7 +72,7 @@ def kept_for(setup: str) -> list[Kept]:
     """The calibrations that are kept for a set-up. Raises pipeline.errors.InputError."""
     from pydantic import ValidationError
 
-    from pipeline.calibration.kept import Kept
+    from pipeline.calibration.kept_calibrations import Kept
     from pipeline.errors import InputError
 
     found = []

@@ -7,7 +7,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import DEFAULT_SETUP, Kept
+from pipeline.calibration.kept_calibrations import DEFAULT_SETUP, Kept
 from pipeline.options import NO_SETUP
 from pipeline.taken_with import TakenWith
 from service.rows import jobs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pipeline.calibration.kept import Kept
+from pipeline.calibration.kept_calibrations import Kept
 
 _FILE = "kept.json"
 

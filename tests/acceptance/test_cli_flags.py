@@ -109,7 +109,7 @@ def test_camera_by_file_is_as_good_as_by_name(
     two: Any, plain: Any, separated: Callable[..., Any], tmp_path: Path
 ) -> None:
     from pipeline.spectra.cameras import find_camera
-    from pipeline.spectra.grid import WAVELENGTHS_NM
+    from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
     sensitivities = find_camera("Nikon D5100", None).sensitivities  # type: ignore[arg-type]
     rows = np.column_stack([WAVELENGTHS_NM, sensitivities.T])
@@ -147,8 +147,8 @@ def test_cameras_and_lights_of_the_users_folder_go_by_their_names(
 def test_flash_spectrum_by_name_and_file(
     two: Any, plain: Any, separated: Callable[..., Any], tmp_path: Path
 ) -> None:
-    from pipeline.spectra.grid import WAVELENGTHS_NM
     from pipeline.spectra.lights import find_light
+    from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
     table = tmp_path / "bulb.csv"
     rows = np.column_stack([WAVELENGTHS_NM, find_light("A")])

@@ -20,9 +20,9 @@ import pytest
 import tifffile
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.spectra.grid import on_grid
-from pipeline.spectra.library import colour_science, without_warnings
+from pipeline.spectra.colour_science import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.wavelengths import on_grid
 
 FLAGS = ("--camera", "Nikon D5100", "--no-align", "--lights", 2, "--outputs", "layers.exr")
 OPTIONS = {"camera": "Nikon D5100", "align": False, "lights": 2, "outputs": ["layers.exr"]}

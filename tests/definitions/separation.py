@@ -8,9 +8,9 @@ import numpy as np
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.sigma_filter import sigma_filter
 from pipeline.lamps.lamps import Lamps
+from pipeline.pair.misregistration import registration_variance, softened
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
-from pipeline.pair.registration import registration_variance, softened
 from pipeline.separation.fill import Surroundings
 from tests.definitions.highlights import deal_out, find_highlights
 from tests.definitions.pixels import (

@@ -16,9 +16,9 @@ from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.progress import Progress
 from pipeline.spectra.cameras import camera_from_table
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import Kind
 from tests.evaluation.spectra import Split, lamps, reflectances, sensitivities
 from tests.targets import CORNERS, Shot

@@ -26,8 +26,8 @@ from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.colour_science import colour_science, without_warnings
 from pipeline.spectra.folder import folder_spectra
-from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from tests.evaluation.conditions import Condition, make_shot

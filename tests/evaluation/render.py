@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats, Floats32, Floats64
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.vectors import unit
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
 from tests.evaluation.grain import smooth_bounces

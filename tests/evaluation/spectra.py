@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from pipeline.arrays import Floats64
 from pipeline.options import Sensitivities
 from pipeline.spectra.bases import SpectralBasis, learn_basis
+from pipeline.spectra.colour_science import colour_science, without_warnings
 from pipeline.spectra.folder import folder_spectra
-from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
-from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.wavelengths import STEP_NM, WAVELENGTHS_NM, on_grid
 from pipeline.vectors import unit
 
 Split = Literal["development", "report"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.evaluation import cache, render
 from tests.evaluation.geometry import Geometry, Lamp, Shape
 from tests.evaluation.patterns import Pattern

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.calibration.flash import FAMILY
+from pipeline.calibration.flash_spectrum import FAMILY
 from pipeline.spectra.lights import find_light
 from tests.evaluation import calibrated, calibration
 from tests.evaluation.calibrated import Assumed, cameras, flashes, ways

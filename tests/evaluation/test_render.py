@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
 from tests.evaluation.layouts import make_geometry
 from tests.evaluation.patterns import Pattern

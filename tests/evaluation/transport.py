@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.frames import Image
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 BANDS_NM: Floats64 = np.linspace(390.0, 730.0, 18)
 """Centres of the bands of BandTransport; between them transport is taken as linear."""

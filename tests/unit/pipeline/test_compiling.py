@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from numba.core.registry import cpu_target
 
-from pipeline import compiling, sources
+from pipeline import code_digest, compiling
 from pipeline.compiling import exact, settle
 
 
@@ -88,7 +88,7 @@ def package(tmp_path: Path) -> Path:
     package = tmp_path / "pipeline"
     package.mkdir()
     (package / "__init__.py").touch()
-    for module in (Path(compiling.__file__), Path(sources.__file__)):
+    for module in (Path(compiling.__file__), Path(code_digest.__file__)):
         (package / module.name).write_bytes(module.read_bytes())
     (package / "callee.py").write_text("NUMBER = 42\n")
     (package / "caller.py").write_text(

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from pipeline.arrays import Floats, Floats64
-from pipeline.calibration.kept import Kept
+from pipeline.calibration.kept_calibrations import Kept
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.errors import (
     OptionError,
@@ -21,8 +21,8 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.tables import write_spectrum
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
 from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated, tiff, turned
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.pair import Pair
 from tests.targets import Shot, other_colorchecker, photograph_chart, photograph_sphere
 from tests.unit.pipeline.calibration.runs import DIRECTIONS, LAMP, LED, S

@@ -17,10 +17,10 @@ from pipeline.errors import UnusablePairError
 from pipeline.options import Circle
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.colorchecker import colorchecker_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_spectrum
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.targets import (
     CORNERS,
     Shot,

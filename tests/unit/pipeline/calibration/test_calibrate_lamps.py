@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.calibration import calibrate_lamps
-from pipeline.calibration.lamps import LampsEstimate
+from pipeline.calibration.matt_sphere import LampsEstimate
 from pipeline.errors import UnusablePairError
 from pipeline.options import Circle, DirectedLight
 from pipeline.vectors import unit

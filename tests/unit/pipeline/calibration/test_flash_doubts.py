@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.flash import FlashEstimate, estimate_flash
 from pipeline.calibration.flash_doubts import flash_doubts
+from pipeline.calibration.flash_spectrum import FlashEstimate, estimate_flash
 from pipeline.calibration.patches import Patches
 from pipeline.spectra.cameras import Camera, named_camera
 from pipeline.spectra.colorchecker import colorchecker_spectra

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 _WIDTH = len(WAVELENGTHS_NM)
 

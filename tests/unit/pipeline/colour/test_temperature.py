@@ -4,7 +4,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from pipeline.colour.temperature import CCT_RANGE_K, cct_duv, white_of
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.colour_science import colour_science
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 

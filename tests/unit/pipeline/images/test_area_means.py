@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.images.area_means import area_means, size_within
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 
 TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))
 

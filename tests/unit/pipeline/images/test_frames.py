@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import (
     Exposure,
     Frame,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.tiles import tiles
 
 TABLE = np.linspace(0, 127.5, 256, dtype=np.float32)

@@ -18,8 +18,8 @@ from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.colorimetry import camera_to_xyz
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.reduced_pairs import even, reduced_pair
 
 HEIGHT, WIDTH, PATCH = 64, 96, 4

@@ -6,9 +6,9 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.light.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.spectra.cameras import Camera
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, lamp_spectra
 from pipeline.spectra.matrices import best_matrix
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.light.model import Model, build_model
 from pipeline.spectra.cameras import Camera, named_camera, srgb_stand_in
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.angles import angles
 
 

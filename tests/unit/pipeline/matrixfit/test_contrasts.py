@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.contrasts import RelativeLight, contrast, drawn, relative_light, steps
-from pipeline.matrixfit.data import Data
 
 STEP, BOTH = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
@@ -147,7 +147,7 @@ def test_steps_end_within_the_narrowest_pictures(
 @pytest.mark.parametrize(("count", "total"), [(300, 125.0), (600, 250.0), (900, 250.0)])
 def test_many_contrasts_count_no_more_than_some(count: int, total: float) -> None:
     x, u, covariance = (np.ones((count // 2, n)) for n in (3, 2, 3))
-    half = Data(x, u, covariance, np.ones(count // 2))
+    half = Chromaticities(x, u, covariance, np.ones(count // 2))
 
     found = drawn([half, half], 400)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.chromaticities import Chromaticities, nothing
 from pipeline.matrixfit.deviations import (
     Deviations,
     find_deviations,
@@ -49,19 +49,19 @@ def pair_of(flash: Floats64, light: Floats64, variance: float = 1e-9) -> Reduced
     )
 
 
-def evidence_of(differences: Data) -> Evidence:
+def evidence_of(differences: Chromaticities) -> Evidence:
     return Evidence(
         nothing(), differences, nothing(), nothing(), 0.1 if len(differences) else 0.0, 0.0
     )
 
 
-def shown_alone(responses: Floats64, flash: Floats64) -> Data:
+def shown_alone(responses: Floats64, flash: Floats64) -> Chromaticities:
     """Differences across edges of shadows that show each lamp alone, on each third square."""
     x = flash[1::9, 1::9].reshape(-1, 3)
     light = responses[:, 1::9, 1::9].reshape(len(responses), -1, 3)
     u = light[..., :2] / light.sum(axis=2, keepdims=True)
     n = len(responses) * len(x)
-    return Data(
+    return Chromaticities(
         np.tile(x, (len(responses), 1)), u.reshape(-1, 2), np.full((n, 3), 1e-8), np.ones(n)
     )
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
-from pipeline.matrixfit.data import nothing
+from pipeline.matrixfit.chromaticities import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fourth_lamp import gain_of_fourth
 from pipeline.pair.reduced import reduce_pair

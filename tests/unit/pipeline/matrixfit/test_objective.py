@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
-from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.chromaticities import Chromaticities, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import (
@@ -27,7 +27,9 @@ PURE = 0.02
 EMPTY = nothing()
 
 
-def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.004) -> Data:
+def drawn(
+    model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.004
+) -> Chromaticities:
     """Mixtures of lamps on surfaces of many colours, with noise."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(0.2, 1.0, (count, 3))
@@ -36,17 +38,17 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
     light = (share * np.einsum("jkl,nl->jnk", model.lamp_matrix(LIGHTS[:lamps]), x)).sum(axis=0)
     u = light[:, :2] / light.sum(axis=1, keepdims=True) + rng.normal(0, noise, (count, 2))
     covariance = np.tile([noise**2, 0.3 * noise**2, noise**2], (count, 1))
-    return Data(x, u, covariance, np.full(count, 400.0 / count))
+    return Chromaticities(x, u, covariance, np.full(count, 400.0 / count))
 
 
 WHITE = np.array([0.6, 1.0, 0.9])
 
 
 def seen(
-    pixels: Data = EMPTY,
-    differences: Data = EMPTY,
-    terminators: Data = EMPTY,
-    pools: Data = EMPTY,
+    pixels: Chromaticities = EMPTY,
+    differences: Chromaticities = EMPTY,
+    terminators: Chromaticities = EMPTY,
+    pools: Chromaticities = EMPTY,
 ) -> Evidence:
     return Evidence(pixels, differences, terminators, pools, 0.1, 0.0)
 
@@ -56,11 +58,11 @@ def open_field(matrices: Floats64) -> tuple[float, Floats64]:
     return 0.0, np.zeros_like(matrices)
 
 
-def pure(data: Data, matrix: Floats64) -> Data:
+def pure(data: Chromaticities, matrix: Floats64) -> Chromaticities:
     """The same surfaces, lit by one lamp."""
     light = data.x @ matrix.T
     u = light[:, :2] / light.sum(axis=1, keepdims=True)
-    return Data(data.x, u, data.covariance, data.weight)
+    return Chromaticities(data.x, u, data.covariance, data.weight)
 
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
@@ -143,7 +145,7 @@ def test_whitened_data_are_isotropic_and_keep_their_areas() -> None:
     full = covariance + floor
     offset = np.array([0.004, -0.001])
     grey = np.full((1, 3), 1 / 3)
-    data = Data(grey, 1 / 3 + offset[None], np.array([[9e-6, 5e-6, 4e-6]]), np.ones(1))
+    data = Chromaticities(grey, 1 / 3 + offset[None], np.array([[9e-6, 5e-6, 4e-6]]), np.ones(1))
     term = Term(data, Shape(False, 0.0, 1.5, 1.0), np.array([1.0, 0.0]), None)
 
     value, _, _ = Whitened(term, 0.002).value(np.eye(3)[None], term.weights)
@@ -155,7 +157,7 @@ def test_whitened_data_are_isotropic_and_keep_their_areas() -> None:
 
 def test_differences_are_spread_more_widely_at_a_level() -> None:
     grey = np.full((1, 3), 1 / 3)
-    data = Data(grey, grey[:, :2], np.zeros((1, 3)), np.ones(1))
+    data = Chromaticities(grey, grey[:, :2], np.zeros((1, 3)), np.ones(1))
     term = Term(data, Shape(False, 0.0, 1.5, 1.5), np.array([1.0, 0.0]), None)
 
     value, _, _ = Whitened(term, 0.002).value(np.eye(3)[None], term.weights)

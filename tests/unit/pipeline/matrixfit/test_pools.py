@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.matrixfit import pools
-from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.chromaticities import Chromaticities
 from pipeline.matrixfit.evidence import gather_evidence
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
 
@@ -28,7 +28,7 @@ def slope() -> Floats64:
     return 0.6 + 0.3 * ACROSS / WIDTH
 
 
-def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Data:
+def shown(light: Floats64, flash: Floats64 | None = None, **more: Any) -> Chromaticities:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
     return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more, flash_only=True)).pools
 
@@ -195,7 +195,7 @@ def test_pools_in_the_light_of_all_three_lamps_are_coves(order: list[int]) -> No
     light = np.einsum("jkl,nl->jnk", matrices[np.argsort(order)], x)
     corners = light[..., :2] / light.sum(axis=2, keepdims=True)
     u = np.einsum("nj,jni->ni", np.tile(shares, (2, 1)), corners)
-    data = Data(x, u, np.zeros((8, 3)), np.arange(8.0))
+    data = Chromaticities(x, u, np.zeros((8, 3)), np.arange(8.0))
 
     found = pools.without_coves(data, matrices)
 

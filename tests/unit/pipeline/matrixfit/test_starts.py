@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import UnusablePairError
 from pipeline.light.model import Model
 from pipeline.matrixfit import starts
-from pipeline.matrixfit.data import nothing
+from pipeline.matrixfit.chromaticities import nothing
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.pair.reduced import reduce_pair

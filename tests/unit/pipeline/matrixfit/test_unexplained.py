@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.chromaticities import Chromaticities, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.unexplained import (
     _left_of_pixels,
@@ -28,10 +28,12 @@ CORNERS = ((0.2, 0.2), (0.6, 0.2), (0.2, 0.6))
 LAMPS = np.array([3 * np.diag([r, g, 1 - r - g]) for r, g in CORNERS])
 
 
-def on_grey(*points: tuple[float, float], deviation: float = 0.001) -> Data:
+def on_grey(*points: tuple[float, float], deviation: float = 0.001) -> Chromaticities:
     n = len(points)
     covariance = np.tile([deviation**2, 0.0, deviation**2], (n, 1))
-    return Data(np.tile(GREY, (n, 1)), np.array(points).reshape(-1, 2), covariance, np.ones(n))
+    return Chromaticities(
+        np.tile(GREY, (n, 1)), np.array(points).reshape(-1, 2), covariance, np.ones(n)
+    )
 
 
 def off_by(d: float, share: float = 1.0, variance: float = 0.0) -> ReducedPair:

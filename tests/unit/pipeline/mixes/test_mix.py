@@ -19,9 +19,9 @@ from pipeline.pictures.shown import shown_gain
 from pipeline.pictures.white_balance import whites_of
 from pipeline.results.manifest import lamp_entries
 from pipeline.spectra.cameras import Camera, named_camera
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.matrices import best_matrix
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 SRGB_TO_XYZ = np.linalg.inv(XYZ_TO_SRGB)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
 from pipeline.images.noise import Noise
-from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.ratios import (
     Ratios,
     block_ratios,

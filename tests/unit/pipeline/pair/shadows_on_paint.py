@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Mask, Photograph
 from pipeline.pair.one_surface import Neighbours, find_neighbours
 

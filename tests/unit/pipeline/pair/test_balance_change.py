@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.noise import Noise
 from pipeline.pair.balance_change import TO_SENSOR, BalanceChange
 

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.pair.balance_change import TO_SENSOR, BalanceChange
 from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.tone_curve import KNOTS, ToneCurve

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
-from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.motion import find_moved
 
 HEIGHT, WIDTH = 240, 320

@@ -13,7 +13,7 @@ from pipeline.errors import Canceled, OptionError
 from pipeline.images.frames import Exposure, Frame
 from pipeline.images.noise import Noise
 from pipeline.options import Options
-from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.motion import find_moved
 from pipeline.pair.pair import make_pair
 from pipeline.progress import Progress

@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.arrays import Floats32
 from pipeline.images.noise import Noise
+from pipeline.pair.misregistration import softened
 from pipeline.pair.reduced import reduce_pair
-from pipeline.pair.registration import softened
 
 
 def even(height: int, width: int, value: float) -> Floats32:

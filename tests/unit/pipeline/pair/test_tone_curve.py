@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.images.coded import TableImage
+from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Frame
 from pipeline.images.noise import Noise
 from pipeline.pair.tone_curve import KNOTS, ToneCurve

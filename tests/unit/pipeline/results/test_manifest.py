@@ -26,9 +26,9 @@ from pipeline.photometric_stereo.facing import Facing
 from pipeline.results.manifest import Written, lamp_entries, make_manifest
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.cameras import find_camera, measured_cameras, named_camera, srgb_stand_in
-from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.colour_science import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
 from tests.angles import angles
 

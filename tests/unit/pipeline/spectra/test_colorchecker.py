@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 def test_patches_are_where_they_lie_on_the_chart() -> None:

@@ -5,10 +5,10 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.spectra.colorimetry import camera_to_xyz
-from pipeline.spectra.grid import WAVELENGTHS_NM, on_grid
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.colour_science import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM, on_grid
 
 colour = colour_science()
 

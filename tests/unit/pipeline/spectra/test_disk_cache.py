@@ -60,7 +60,7 @@ def test_a_table_of_another_version_is_made_anew(
 
 
 def test_a_table_of_other_modules_is_made_anew(tmp_path: Path) -> None:
-    """A table follows from the grid, too, which is in another module than what makes it."""
+    """A table follows from the wavelengths, too, which is in another module than what makes it."""
     shutil.copytree(Path(pipeline.__file__).parent, tmp_path / "pipeline")
     code = "from pipeline.spectra.observer import cie_1931; print(cie_1931().shape[1])"
     kept_in = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
@@ -71,8 +71,8 @@ def test_a_table_of_other_modules_is_made_anew(tmp_path: Path) -> None:
         return int(done.stdout)
 
     assert [count(), count()] == [81, 81]
-    grid = tmp_path / "pipeline" / "spectra" / "grid.py"
-    grid.write_text(grid.read_text().replace("781.0", "756.0"))
+    wavelengths = tmp_path / "pipeline" / "spectra" / "wavelengths.py"
+    wavelengths.write_text(wavelengths.read_text().replace("781.0", "756.0"))
     assert count() == 76
 
 

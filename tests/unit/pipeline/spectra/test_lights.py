@@ -17,7 +17,6 @@ from pipeline.photometric_stereo.responses import LampBank
 from pipeline.spectra import cameras, lights
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.families import family_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import (
     find_light,
     lamp_spectra,
@@ -27,6 +26,7 @@ from pipeline.spectra.lights import (
     reflectance_spectra,
 )
 from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 
 
 def kelvin(light: np.typing.NDArray[np.float64]) -> float | None:

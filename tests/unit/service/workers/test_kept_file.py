@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.calibration.kept import Kept
+from pipeline.calibration.kept_calibrations import Kept
 from pipeline.taken_with import TakenWith
 from service.workers import kept_file
 

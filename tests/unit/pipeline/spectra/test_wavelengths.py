@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.spectra.grid import WAVELENGTHS_NM, on_grid
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM, on_grid
 
 
 def test_a_table_on_the_grid_stays_as_it_is() -> None:

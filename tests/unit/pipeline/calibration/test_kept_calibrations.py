@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.calibration.kept import Kept, setup_warnings, with_kept
+from pipeline.calibration.kept_calibrations import Kept, setup_warnings, with_kept
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
 from pipeline.options import Options, Spectrum

@@ -7,7 +7,7 @@ import pytest
 
 _IMPORT = """
 import sys
-from pipeline.spectra.library import colour_science
+from pipeline.spectra.colour_science import colour_science
 table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
 assert table.values.shape[1] == 3
 """

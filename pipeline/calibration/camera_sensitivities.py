@@ -12,7 +12,7 @@ from pipeline.calibration.patches import Patches
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera
-from pipeline.spectra.grid import STEP_NM
+from pipeline.spectra.wavelengths import STEP_NM
 
 # standard deviations from a known camera (docs/decisions/0007-calibration.md)
 _GAIN, _TINT, _TINT_REACH_NM = 0.2, 0.4, 40.0  # relative: of a whole channel, and along it

@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
+from pipeline.matrixfit.chromaticities import (
+    Chromaticities,
+    by_colour,
+    draw,
+    nothing,
+    sandwich,
+    upper,
+)
 
 
 @pytest.mark.parametrize("count", [1, 7, 99, 100, 500])
 def test_thinned_data_keep_their_weight(count: int) -> None:
     rng = np.random.default_rng(0)
-    data = Data(
+    data = Chromaticities(
         rng.uniform(size=(100, 3)),
         rng.uniform(size=(100, 2)),
         rng.uniform(size=(100, 3)),
@@ -55,7 +62,7 @@ def test_a_variance_between_matrices_is_a_product_of_matrices() -> None:
 
 def test_lamps_have_a_corner_on_the_surface_of_each_datum() -> None:
     surfaces = np.array([[0.2, 0.3, 0.5], [0.4, 0.4, 0.2]])
-    data = Data(surfaces, np.zeros((2, 2)), np.zeros((2, 3)), np.ones(2))
+    data = Chromaticities(surfaces, np.zeros((2, 2)), np.zeros((2, 3)), np.ones(2))
 
     found = data.corners(np.stack([np.eye(3), np.diag([2.0, 1.0, 1.0])]))
 
@@ -64,7 +71,7 @@ def test_lamps_have_a_corner_on_the_surface_of_each_datum() -> None:
 
 
 def test_data_tell_the_third_chromaticity_and_how_sure_both_are() -> None:
-    data = Data(
+    data = Chromaticities(
         np.ones((1, 3)) / 3, np.array([[0.5, 0.2]]), np.array([[4.0, 9.0, 2.0]]), np.ones(1)
     )
 

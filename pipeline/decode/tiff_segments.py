@@ -20,7 +20,7 @@ _WEBP_SIDE = 0x3FFF
 """The 14 bits that hold a side; two more tell how to scale, or are of the next field."""
 
 
-def coded_pixels(data: bytes) -> int:
+def segment_pixels(data: bytes) -> int:
     """Pixels of a JPEG, JPEG 2000, JPEG XL, WebP or PNG by its header; 0 of other bytes."""
     with contextlib.suppress(struct.error, ValueError):  # cut off, for the decoder to judge
         if data.startswith(_JPEG):

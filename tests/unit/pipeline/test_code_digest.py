@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.sources import digest
+from pipeline.code_digest import digest
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.noise import Noise
-from pipeline.pair.flat_noise import _open_blocks, estimate_noises
+from pipeline.pair.estimate_noise import _open_blocks, estimate_noises
 
 Image = Floats32
 

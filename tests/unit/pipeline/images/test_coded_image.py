@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.images.coded import LevelImage, TableImage
+from pipeline.images.coded_image import LevelImage, TableImage
 from pipeline.images.memory import releasable
 
 TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))

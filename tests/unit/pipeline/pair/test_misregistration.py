@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.pair.registration import HALO, SOFTENED_HALO, registration_variance, softened
+from pipeline.pair.misregistration import HALO, SOFTENED_HALO, registration_variance, softened
 
 
 def test_an_even_picture_does_not_mind() -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.encode import scan_lines
+from pipeline.encode import exr_rows
 from pipeline.encode.exr import ExrFile, write_exr
-from pipeline.encode.scan_lines import ScanLines
+from pipeline.encode.exr_rows import ScanLines
 from pipeline.errors import InputError
 
 NAMES = ["lamp1.R", "lamp1.G", "lamp1.B", "lamp2.R", "lamp2.G", "lamp2.B"]
@@ -55,7 +55,7 @@ def test_an_area_is_the_same_in_pieces(
     lines = ScanLines(reader(layers[0].read_bytes()))
     whole = lines.area(NAMES, 5, 7, 11, 13)
 
-    monkeypatch.setattr(scan_lines, "_AT_ONCE", at_once)
+    monkeypatch.setattr(exr_rows, "_AT_ONCE", at_once)
 
     np.testing.assert_array_equal(lines.area(NAMES, 5, 7, 11, 13), whole)
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.calibration.mirror import mirror_lamps
+from pipeline.calibration.mirror_sphere import mirror_lamps
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.options import Circle
 from pipeline.pair.pair import Pair

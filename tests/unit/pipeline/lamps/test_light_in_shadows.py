@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.lamps.shadows import light_in_shadows
+from pipeline.lamps.light_in_shadows import light_in_shadows
 from tests.reduced_pairs import HEIGHT, even, left_and_right, reduced_pair
 
 Build = Callable[..., Any]

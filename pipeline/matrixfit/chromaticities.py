@@ -13,8 +13,8 @@ _LEAST_COLOUR = 0.02  # dimmer channels of the flash part would tell without bou
 
 
 @dataclass(frozen=True)
-class Data:
-    """n chromaticities to be explained.
+class Chromaticities:
+    """n chromaticities to be explained, the data of one kind.
 
     x: (n, 3) flash colour, summing to 1. u: (n, 2) red and green chromaticity of the light.
     covariance: (n, 3) its xx, xy, yy. weight: (n,).
@@ -43,19 +43,21 @@ class Data:
         light = np.einsum("jkl,nl->jnk", matrices, self.x)
         return np.asarray(light[..., :2] / light.sum(axis=2, keepdims=True))
 
-    def thinned(self, count: int) -> Data:
+    def thinned(self, count: int) -> Chromaticities:
         """Evenly drawn subset of at most so many, with the same total weight."""
         if len(self) <= count:
             return self
         pick = np.linspace(0, len(self) - 1, count).round().astype(int)
         scale = self.weight.sum() / self.weight[pick].sum()
-        return Data(self.x[pick], self.u[pick], self.covariance[pick], self.weight[pick] * scale)
+        return Chromaticities(
+            self.x[pick], self.u[pick], self.covariance[pick], self.weight[pick] * scale
+        )
 
 
-def nothing() -> Data:
+def nothing() -> Chromaticities:
     """No data at all."""
     empty = np.zeros((0, 3))
-    return Data(empty, np.zeros((0, 2)), empty, np.zeros(0))
+    return Chromaticities(empty, np.zeros((0, 2)), empty, np.zeros(0))
 
 
 def draw(worth: Floats64, count: int) -> NDArray[np.int64]:

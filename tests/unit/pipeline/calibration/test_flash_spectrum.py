@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.flash import FAMILY, estimate_flash
+from pipeline.calibration.flash_spectrum import FAMILY, estimate_flash
 from pipeline.calibration.patches import Patches
 from pipeline.errors import UnusablePairError
 from pipeline.spectra.colorchecker import colorchecker_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker

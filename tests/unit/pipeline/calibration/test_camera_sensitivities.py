@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.camera import estimate_camera, is_unlikely
+from pipeline.calibration.camera_sensitivities import estimate_camera, is_unlikely
 from pipeline.calibration.patches import Patches
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.colorchecker import colorchecker_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
+from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker

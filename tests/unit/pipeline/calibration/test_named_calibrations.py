@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.calibration.named import named_warnings
+from pipeline.calibration.named_calibrations import named_warnings
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
 from pipeline.options import Options, PairOptions, Sensitivities, Spectrum

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
-from pipeline.calibration import lamps as module
-from pipeline.calibration.lamps import LampsEstimate, matt_lamps
+from pipeline.calibration import matt_sphere as module
+from pipeline.calibration.matt_sphere import LampsEstimate, matt_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise

@@ -16,8 +16,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from pipeline.decode.coded_pixels import coded_pixels
 from pipeline.decode.tiff import read_tiff
+from pipeline.decode.tiff_segments import segment_pixels
 
 Codes = NDArray[np.uint8]
 Encode = Callable[..., bytes]
@@ -54,28 +54,28 @@ def tiff_of_tile(codes: Codes, kind: str, shape: tuple[int, int]) -> bytes:
 @pytest.mark.parametrize("shape", [(48, 64), (64, 64), (100, 150), (17, 301), (8, 9), (90, 60)])
 def test_pixels_are_those_that_the_decoder_gives(kind: str, shape: tuple[int, int]) -> None:
     codes = np.full((*shape, 3), 100, np.uint8)
-    assert coded_pixels(KINDS[kind][1](codes)) == shape[0] * shape[1]
+    assert segment_pixels(KINDS[kind][1](codes)) == shape[0] * shape[1]
 
 
 def test_a_canvas_of_webp_and_an_offset_of_jpeg_2000_are_read_by_the_standard() -> None:
     canvas = b"\x07\0\0\xff\x02\0"  # 8 × 768
-    assert coded_pixels(b"RIFF\0\0\0\0WEBPVP8X" + bytes(8) + canvas) == 8 * 768
+    assert segment_pixels(b"RIFF\0\0\0\0WEBPVP8X" + bytes(8) + canvas) == 8 * 768
 
     siz = b"\xff\x4f\xff\x51" + struct.pack(">HH4I", 41, 0, 110, 60, 10, 20)
-    assert coded_pixels(siz) == 100 * 40
-    assert coded_pixels(b"\xff\x4f\xff\x51" + struct.pack(">HH4I", 41, 0, 10, 20, 110, 60)) == 0
+    assert segment_pixels(siz) == 100 * 40
+    assert segment_pixels(b"\xff\x4f\xff\x51" + struct.pack(">HH4I", 41, 0, 10, 20, 110, 60)) == 0
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_of_a_header_that_is_cut_off_nothing_is_told(kind: str) -> None:
     data = KINDS[kind][1](np.full((48, 64, 3), 100, np.uint8))
-    told = {coded_pixels(data[:count]) for count in range(min(len(data), 300))}
+    told = {segment_pixels(data[:count]) for count in range(min(len(data), 300))}
     assert told <= {0, 48 * 64}
 
 
 @pytest.mark.parametrize("data", [b"", b"text", bytes(100), b"RIFF\0\0\0\0WAVEfmt "])
 def test_of_other_bytes_nothing_is_told(data: bytes) -> None:
-    assert coded_pixels(data) == 0
+    assert segment_pixels(data) == 0
 
 
 @pytest.mark.parametrize("kind", KINDS)

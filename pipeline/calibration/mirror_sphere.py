@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.lamps import LampsEstimate, inside_sphere
+from pipeline.calibration.matt_sphere import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError, counted
 from pipeline.images.frames import Image, Mask
