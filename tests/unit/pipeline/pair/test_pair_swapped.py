@@ -8,13 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import (
-    SwappedPairError,
-)
+from pipeline.errors import SwappedPairError
 from pipeline.images.frames import Frame
-from pipeline.pair.pair_checks import (
-    check_belonging,
-)
+from pipeline.pair.pair_checks import check_belonging
 from tests.unit.pipeline.pair.pairs_of_frames import paired
 
 
