@@ -121,45 +121,53 @@ def estimate_lamps(
     given = FitInput(reduced, gather_evidence(reduced), model, known)
     _check_enough(given.evidence)
     gammas = _invariants(reduced, model)
-    first = cache(lambda lamps: first_fit(given, lamps))
-    fit = cache(lambda lamps: fit_matrices(given, lamps, first(lamps)))
-    moved = cache(lambda lamps: fit_pools(given, fit(lamps)))
+    fits = _Fits(given)
     if requested == "auto":
-        count = count_lamps(given, first, fit)
+        count = count_lamps(given, fits.first, fits.usual)
     else:
         count = Count(requested, confidence=1.0)
-    number = count.number
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
-        found = _published(given, number)
+        found = _published(given, count.number)
     else:
-        found = _fitted(given, first(number), moved(number), weights)
-    coefficients, matrices = found.coefficients, found.matrices
-    against: list[RunWarning] = []
-    if known.pinned or len(known.forbidden):
-        against = _against_known(given, fit(number))
-    left = left_over(reduced, matrices)
+        found = _fitted(given, fits, count.number, weights)
+    against = _against_known(given, fits, count.number)
+    left = left_over(reduced, found.matrices)
     four_or_more = False
-    if number == MOST_LAMPS and (method == "best" or requested == "auto"):
+    if count.number == MOST_LAMPS and (method == "best" or requested == "auto"):
         # lamps followed outwards leave less, as if there were no fourth
-        four_or_more = signs_of_fourth(given, moved(MOST_LAMPS).matrices)
-    order = _warm_first(coefficients)
+        four_or_more = signs_of_fourth(given, fits.moved(MOST_LAMPS).matrices)
+    order = _warm_first(found.coefficients)
+    coefficients, matrices = found.coefficients[order], found.matrices[order]
     return Lamps(
-        coefficients=coefficients[order],
-        matrices=matrices[order],
+        coefficients=coefficients,
+        matrices=matrices,
         deviations=found.deviations,
         channel_weights=weights,
         requested=requested,
         confidence=_confidence(count, left, four_or_more) if requested == "auto" else 1.0,
-        lamp_confidence=_stand_out(coefficients[order], gammas),
+        lamp_confidence=_stand_out(coefficients, gammas),
         pinned=np.where(order < len(known.pinned), order, -1),
         invariants=gammas,
         four_or_more=four_or_more,
         left_over=left,
-        alone=places_alone(given.evidence, matrices[order]),
+        alone=places_alone(given.evidence, matrices),
         contradictions=tuple(against),
         rival_deg=found.rival_deg,
     )
+
+
+class _Fits:
+    """The fits of every number of lamps, each made when it is first asked for.
+
+    first: what one search comes to (first_fit). usual: the best one (fit_matrices). moved: that,
+    followed by pools of light (fit_pools).
+    """
+
+    def __init__(self, given: FitInput) -> None:
+        self.first = cache(lambda lamps: first_fit(given, lamps))
+        self.usual = cache(lambda lamps: fit_matrices(given, lamps, self.first(lamps)))
+        self.moved = cache(lambda lamps: fit_pools(given, self.usual(lamps)))
 
 
 def _check_enough(evidence: Evidence) -> None:
@@ -200,14 +208,13 @@ def _published(given: FitInput, number: int) -> _Found:
     return _Found(coefficients, given.model.lamp_matrix(coefficients), no_deviations(number))
 
 
-def _fitted(given: FitInput, first: Fit, usual: Fit, weights: Floats64) -> _Found:
-    """The lamps of a fit, followed to where fewer pixels are pure.
+def _fitted(given: FitInput, fits: _Fits, number: int, weights: Floats64) -> _Found:
+    """So many lamps as they are fitted, followed to where fewer pixels are pure.
 
-    first: what the search began from (first_fit). usual: what fit_pools made of it. weights: of the
-    channels. Raises OptionError where every fit has a forbidden lamp.
+    weights: of the channels. Raises OptionError where every fit has a forbidden lamp.
     """
     reduced, model = given.reduced, given.model
-    fit = follow_outwards(given, usual)
+    first, fit = fits.first(number), follow_outwards(given, fits.moved(number))
     if fit.cost == np.inf:
         explain = counted(len(fit.matrices), "lamp explains", "lamps explain")
         raise OptionError(
@@ -228,15 +235,17 @@ def _fitted(given: FitInput, first: Fit, usual: Fit, weights: Floats64) -> _Foun
     )
 
 
-def _against_known(given: FitInput, found: Fit) -> list[RunWarning]:
-    """Where the photograph speaks against what is known. found: the fit with it."""
-    lamps, known = len(found.matrices), given.known
-    nothing = nothing_known(given.model.flash_white)
-    against = contradictions(given, found, fit_matrices(replace(given, known=nothing), lamps))
-    if against or not 1 < len(known.pinned) == lamps or not given.evidence.has_edges:
+def _against_known(given: FitInput, fits: _Fits, number: int) -> list[RunWarning]:
+    """Where the photograph speaks against what is known of so many lamps, if anything is."""
+    known = given.known
+    if not known.pinned and not len(known.forbidden):
+        return []
+    found, nothing = fits.usual(number), nothing_known(given.model.flash_white)
+    against = contradictions(given, found, fit_matrices(replace(given, known=nothing), number))
+    if against or not 1 < len(known.pinned) == number or not given.evidence.has_edges:
         return against
     fewer = [
-        fit_matrices(replace(given, known=known.without(pin)), lamps - 1) for pin in known.pinned
+        fit_matrices(replace(given, known=known.without(pin)), number - 1) for pin in known.pinned
     ]
     return needless_pins(found, fewer)
 

@@ -198,7 +198,7 @@ def _fill(
 
     filled: as far as the flash part is not trusted. whitened: 0…1, how far a pixel is to be white.
     """
-    zero, one, of_white = np.float32(0.0), np.float32(1.0), np.float32(1.0 / neutral.clipping)
+    zero, one, of_clipping = np.float32(0.0), np.float32(1.0), np.float32(1.0 / neutral.clipping)
     white, matrices = neutral.white, neutral.from_layers
     w0, w1, w2 = np.float32(white[0]), np.float32(white[1]), np.float32(white[2])
     inverse_0, inverse_1, inverse_2 = one / w0, one / w1, one / w2
@@ -212,7 +212,7 @@ def _fill(
             p0, p1, p2 = p0 + q0, p1 + q1, p2 + q2
         p0, p1, p2 = max(p0, zero) * inverse_0, max(p1, zero) * inverse_1, max(p2, zero) * inverse_2
         rest = one - confidence[x]
-        light = r * of_white, g * of_white, b * of_white
+        light = r * of_clipping, g * of_clipping, b * of_clipping
         p0, p1, p2 = no_rim(light, (p0, p1, p2))
         filled_0[x], filled_1[x], filled_2[x] = rest * w0 * p0, rest * w1 * p1, rest * w2 * p2
         whitened[x] = whitening(light, (p0, p1, p2))

@@ -95,13 +95,13 @@ def held_outputs(
 
 
 def white_warnings(
-    photograph: Photograph, white: float, wanted: frozenset[str]
+    photograph: Photograph, clipping: float, wanted: frozenset[str]
 ) -> list[RunWarning]:
     """Tell that much of a photograph (H, W, 3) lies above where some of the wanted files end.
 
-    white: where the photograph itself ends, infinite for floats that go on.
+    clipping: the value at which it is clipped, infinite where it is not (Pair.clipping).
     """
-    if np.isfinite(white) or not wanted & _OF_INTEGERS:
+    if np.isfinite(clipping) or not wanted & _OF_INTEGERS:
         return []
     step = max(1, max(photograph.shape[:2]) // _SAMPLES)
     brightest = photograph[::step, ::step].max(axis=2)
