@@ -37,7 +37,7 @@ _LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
     "best": "are filled in from their surroundings",
     "paper": "are as published and cannot be relied on",
 }
-_LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
+_LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0  # expected_snr_db
 
 
 def doubts(
@@ -163,28 +163,43 @@ def _of_lamps(
         yield from _of_reflections(reduced, lamps, in_shadows, where)
     yield from lamps.contradictions
     yield from _of_likeness(reduced, lamps)
-    if lamps.rival_deg > _RIVAL_DEGREES:
-        message = (
-            f"Another search came to lamps that are up to {lamps.rival_deg:.0f}° in colour from "
-            "those found, so the layers may be wrong. Check camera, encoding and flash spectrum; "
-            "if they are right, pin a lamp by a place that it lights alone."
-        )
-        yield RunWarning(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
-    if hidden:
-        by = " alone or by ".join(lamp_name(index) for index in hidden)
-        message = (
-            f"No place in the picture is lit by {by} alone, and neither the edge of a shadow nor a "
-            "round thing that turns away from it tells such a lamp's colour, so how bright its "
-            "layer is, is a guess. Show some place that the other lamps do not reach, such as the "
-            "shadow of a thing put into the picture."
-        )
-        yield RunWarning(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
-    if lamps.confidence < _UNSURE:
-        message = (
-            f"It is not certain that the number of lamps is {len(lamps)}; if you know it, ask for "
-            "it. A stronger flash and a hard shadow of each lamp make it plainer."
-        )
-        yield RunWarning(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
+    yield from _of_rivals(lamps)
+    yield from _of_hidden(hidden)
+    yield from _of_number(lamps)
+
+
+def _of_rivals(lamps: Lamps) -> Iterator[RunWarning]:
+    if lamps.rival_deg <= _RIVAL_DEGREES:
+        return
+    message = (
+        f"Another search came to lamps that are up to {lamps.rival_deg:.0f}° in colour from "
+        "those found, so the layers may be wrong. Check camera, encoding and flash spectrum; "
+        "if they are right, pin a lamp by a place that it lights alone."
+    )
+    yield RunWarning(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
+
+
+def _of_hidden(hidden: list[int]) -> Iterator[RunWarning]:
+    if not hidden:
+        return
+    by = " alone or by ".join(lamp_name(index) for index in hidden)
+    message = (
+        f"No place in the picture is lit by {by} alone, and neither the edge of a shadow nor a "
+        "round thing that turns away from it tells such a lamp's colour, so how bright its "
+        "layer is, is a guess. Show some place that the other lamps do not reach, such as the "
+        "shadow of a thing put into the picture."
+    )
+    yield RunWarning(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
+
+
+def _of_number(lamps: Lamps) -> Iterator[RunWarning]:
+    if lamps.confidence >= _UNSURE:
+        return
+    message = (
+        f"It is not certain that the number of lamps is {len(lamps)}; if you know it, ask for "
+        "it. A stronger flash and a hard shadow of each lamp make it plainer."
+    )
+    yield RunWarning(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
 
 
 def _of_reflections(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from pipeline.results.wanted_outputs import (
     wanted_outputs,
     white_warnings,
 )
+from pipeline.run_warnings import RunWarning
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.threads import ahead
@@ -69,15 +71,9 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     del flash
-    # first what costs little and may be refused: outputs, directions, areas, names
     named = options.camera is not None  # calibrated ones were checked by their targets
-    warnings = [*setup_warnings(options, kept, before), *named_warnings(options, before)]
-    options, used, left_out = with_kept(options, kept, before)
-    warnings += left_out
-    wanted = wanted_outputs(options, warnings)
-    check_outputs(wanted, before.size, options)
-    check_directions(wanted, options)
-    check_places(options, before.size)
+    asked = _asked(options, kept, before)
+    options, warnings = asked.options, [*asked.warnings]
     camera = find_camera(options.camera, before)
     build = _models(before, options)
     model = build(camera)
@@ -89,13 +85,13 @@ def separate_files(
     reduced = reduce_pair(pair)
     if options.camera is None and undeclared(before):
         model = _likely_model(reduced, model, options, build)
-    estimate = make_estimate(pair, reduced, model, before, options, wanted, progress)
+    estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
     lamps = estimate.lamps
     warnings += [*pair.warnings, *camera_warnings(before, model.camera, named)]
     if named:
         warnings += camera_doubts(reduced, len(lamps), model.camera, before, build)
     warnings += estimate.warnings
-    wanted, passed_over = held_outputs(wanted, before.size, len(lamps), options)
+    wanted, passed_over = held_outputs(asked.wanted, before.size, len(lamps), options)
     warnings += [*passed_over, *white_warnings(pair.no_flash, pair.clipping, wanted)]
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
@@ -104,11 +100,41 @@ def separate_files(
     directory.mkdir(parents=True, exist_ok=True)
     written = _write_outputs(pair, estimate, options, wanted, directory, progress, strip_rows)
     manifest = make_manifest(
-        (before, after), options, pair, estimate, written, basis, used, warnings
+        (before, after), options, pair, estimate, written, basis, asked.calibrations, warnings
     )
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     write_manifest(directory, manifest)
     return manifest
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a run is to do.
+
+    options: with kept calibrations in place of those left out. wanted: names of outputs
+    (pipeline.output_names). calibrations: those that stand in, for the manifest. warnings: of what
+    was kept or named.
+    """
+
+    options: Options
+    wanted: frozenset[str]
+    calibrations: list[dict[str, str]]
+    warnings: list[RunWarning]
+
+
+def _asked(options: Options, kept: Sequence[Kept], frame: Frame) -> _Asked:
+    """Find what a run is to do, and refuse what costs little to check: outputs, directions, areas.
+
+    frame: the no-flash photograph, of which size and EXIF count. Raises InputError.
+    """
+    warnings = [*setup_warnings(options, kept, frame), *named_warnings(options, frame)]
+    options, used, left_out = with_kept(options, kept, frame)
+    warnings += left_out
+    wanted = wanted_outputs(options, warnings)
+    check_outputs(wanted, frame.size, options)
+    check_directions(wanted, options)
+    check_places(options, frame.size)
+    return _Asked(options, wanted, used, warnings)
 
 
 def _models(frame: Frame, options: Options) -> Callable[[Camera], Model]:
