@@ -76,15 +76,15 @@ def relative_light(
     strength = np.where(use, flash.sum(axis=2), 1.0)
     light = no_flash / strength[..., None]
     return RelativeLight(
-        use,
-        strength,
-        flash / strength[..., None],
-        light,
-        light.sum(axis=2),
-        np.sqrt(v_f.sum(axis=2)) / strength,
-        v_n,
-        v_f,
-        coupled,
+        use=use,
+        strength=strength,
+        colour=flash / strength[..., None],
+        light=light,
+        total=light.sum(axis=2),
+        noise=np.sqrt(v_f.sum(axis=2)) / strength,
+        light_variance=v_n,
+        flash_variance=v_f,
+        coupled=coupled,
     )
 
 

@@ -114,16 +114,16 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         & _bright(no_flash, no_flash_variance, _MIN_LIGHT)
     )
     return ReducedPair(
-        no_flash,
-        flash,
-        no_flash_variance.astype(np.float32),
-        flash_variance.astype(np.float32),
-        usable,
-        block,
-        pair.rendered,
-        (width - blocks.crop[0], height - blocks.crop[1]),
-        pair.registration_px / block,
-        pair.flash_only,
+        no_flash=no_flash,
+        flash=flash,
+        no_flash_variance=no_flash_variance.astype(np.float32),
+        flash_variance=flash_variance.astype(np.float32),
+        usable=usable,
+        block=block,
+        rendered=pair.rendered,
+        dropped=(width - blocks.crop[0], height - blocks.crop[1]),
+        offset=pair.registration_px / block,
+        flash_only=pair.flash_only,
     )
 
 
