@@ -9,7 +9,8 @@ import numpy as np
 
 from pipeline.calibration.find_marks import draw_marks, find_sphere
 from pipeline.calibration.found import Found
-from pipeline.calibration.matt_sphere import LampsEstimate, matt_lamps
+from pipeline.calibration.lamps_estimate import LampsEstimate
+from pipeline.calibration.matt_sphere import matt_lamps
 from pipeline.calibration.mirror_sphere import mirror_lamps
 from pipeline.calibration.options import LampsCalibration
 from pipeline.errors import OptionError, UnusablePairError

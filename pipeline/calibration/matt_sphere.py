@@ -6,24 +6,21 @@ gives the albedo; where the shadow lines of lamps lie on the sphere tells the la
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.arrays import Floats32, Floats64
+from pipeline.arrays import Floats32
 from pipeline.calibration.lamps_and_flash import lamps_and_flash
-from pipeline.calibration.marks import disc
+from pipeline.calibration.lamps_estimate import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps, fit_one_more
-from pipeline.errors import OptionError, UnusablePairError
-from pipeline.images.frames import Mask
+from pipeline.errors import UnusablePairError
 from pipeline.options import Circle, LampCount
 from pipeline.pair.pair import Pair
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
-_SMALLEST_PX = 12.0  # radius
 _MOST_UNUSABLE = 0.2  # share of the sphere
 _BLOCKS = 4_000  # at least, of a large sphere
 _LEAST_BLOCKS = 100  # that are wholly usable: fewer hardly fix the twelve unknowns of three lamps
@@ -37,31 +34,6 @@ _MOST_LAMPS = 3
 _ONE_MORE = 0.03  # what one more lamp must explain, in squares of what paint and noise allow
 _MUCH_MORE = 0.01  # the same of one beyond those told or three: light off a table explains less
 _UNSURE_DEG = 3.0  # standard deviation of a direction
-
-
-@dataclass(frozen=True)
-class LampsEstimate:
-    """Distant lamps as they were found, the strongest first.
-
-    directions: (N, 3) unit, from the surface to the lamp, x right, y up, z to the viewer.
-    colours: (N, 3) camera RGB of a grey card that faces the lamp, one scale for all.
-    deviations_deg: (N,) standard deviation of each direction: of a matt sphere as far as noise and
-    paint go, of a mirror for an outline marked a hundredth of its radius aside, which is assumed.
-    misfit: relative error of the light on a matt sphere, root mean square; None of a mirror, whose
-    highlights are summed and not explained by a model.
-    circle: the sphere's outline as it was found near the one that was marked.
-    flash_aside_deg: angle at the sphere between the camera and the flash; None where a mirror does
-    not show the flash. one_more: whether one lamp more would explain far more of the light on a
-    matt sphere.
-    """
-
-    directions: Floats64
-    colours: Floats64
-    deviations_deg: Floats64
-    misfit: float | None
-    circle: Circle
-    flash_aside_deg: float | None
-    one_more: bool = False
 
 
 def matt_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) -> LampsEstimate:
@@ -110,20 +82,6 @@ def matt_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) ->
         flash_aside_deg=best.flash_aside_deg,
         one_more=one_more,
     )
-
-
-def inside_sphere(shape: tuple[int, ...], sphere: Circle, share: float) -> Mask:
-    """Pixels (H, W) within a share, 0…1, of the radius of a sphere's outline.
-
-    Raises OptionError for an outline that is too small or not wholly in the picture.
-    """
-    if sphere.radius < _SMALLEST_PX:
-        raise OptionError(
-            f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
-            f"{_SMALLEST_PX:g}, so photograph it from nearer."
-        )
-    disc(shape, sphere, "sphere")
-    return disc(shape, Circle(x=sphere.x, y=sphere.y, radius=share * sphere.radius), "sphere")
 
 
 def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:

@@ -6,12 +6,14 @@ picture, so that the sum over the highlight is the lamp's light on a card, up to
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
-from pipeline.calibration.matt_sphere import LampsEstimate, inside_sphere
+from pipeline.calibration.lamps_estimate import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError, counted
 from pipeline.images.frames import Image, Mask
@@ -35,6 +37,18 @@ _GLOW_PX = 2  # how far lenses spread a highlight
 _Spot = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns (n,) of pixels
 
 
+@dataclass(frozen=True)
+class _Highlight:
+    """What a highlight shows of its lamp.
+
+    direction: (3,) unit, to the lamp. light: (3,), of all of it. brightest: its largest value.
+    """
+
+    direction: Floats64
+    light: Floats64
+    brightest: float
+
+
 def mirror_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) -> LampsEstimate:
     """Find the lamps that a mirror sphere reflects.
 
@@ -48,38 +62,43 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: LampCount, focal_px: float) 
     mask = inside_sphere(pair.unusable.shape, sphere, _INNER)
     room, flash = pair.no_flash[:], pair.flash_part()
     spots = _spots(room, mask)
-    found = [_lamp(room, spot, sphere, focal_px) for spot in spots]
-    if found and max(lamp[2] for lamp in found) <= _CLIPPED * pair.clipping:
+    found = [_highlight(room, spot, sphere, focal_px) for spot in spots]
+    if found and max(one.brightest for one in found) <= _CLIPPED * pair.clipping:
         # a soft box is dimmer than a bulb of as much light, whose sum tells
         dimmer = _dimmer_spots(room, mask, spots)
-        found += [_lamp(room, spot, sphere, focal_px) for spot in dimmer]
-    found.sort(key=lambda lamp: -float(lamp[1].sum()))
+        found += [_highlight(room, spot, sphere, focal_px) for spot in dimmer]
+    found.sort(key=lambda one: -float(one.light.sum()))
     if found:
-        least = _FAINT * float(found[0][1].sum())
-        found = [lamp for lamp in found if lamp[1].sum() > least]
+        least = _FAINT * float(found[0].light.sum())
+        found = [one for one in found if one.light.sum() > least]
     wanted = len(found) if count == "auto" else count
     if len(found) < max(wanted, 1) or wanted > _MOST:
         raise UnusablePairError(_unlike(len(found), count))
-    directions, powers, brightest = zip(*found[:wanted], strict=True)
+    lamps = found[:wanted]
+    directions = np.array([one.direction for one in lamps])
+    powers = np.array([one.light for one in lamps])
     # noise can leave less than nothing of a channel
     colours = np.maximum(powers, 0.0) / max(float(np.max(powers)), 1e-12)
-    if max(brightest) > _CLIPPED * pair.clipping:
+    if max(one.brightest for one in lamps) > _CLIPPED * pair.clipping:
         colours = np.full_like(colours, np.nan)
-    aside = [_lamp(flash, spot, sphere, focal_px)[0] for spot in _spots(flash, mask)[:1]]
     middle = view_sphere(
         sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]
     )
+    flash_aside_deg = None
+    for spot in _spots(flash, mask)[:1]:
+        towards_flash = _highlight(flash, spot, sphere, focal_px).direction
+        flash_aside_deg = float(angles_deg(towards_flash @ middle.towards[0]))
     # A highlight turns twice as far as the surface, which turns by the outline's error.
     deviation = np.degrees(
-        2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, _LEAST_FACING))
+        2 * _OUTLINE / np.sqrt(np.maximum((1 + directions[:, 2]) / 2, _LEAST_FACING))
     )
     return LampsEstimate(
-        directions=np.array(directions),
+        directions=directions,
         colours=colours,
         deviations_deg=deviation,
         misfit=None,
         circle=sphere,
-        flash_aside_deg=float(angles_deg(aside[0] @ middle.towards[0])) if aside else None,
+        flash_aside_deg=flash_aside_deg,
     )
 
 
@@ -149,10 +168,8 @@ def _parts(bright: Mask, sphere: Mask) -> list[_Spot]:
     return parts
 
 
-def _lamp(
-    picture: Image, spot: _Spot, sphere: Circle, focal_px: float
-) -> tuple[Floats64, Floats64, float]:
-    """Direction (3,) of a highlight's lamp, its light (3,), and its largest value."""
+def _highlight(picture: Image, spot: _Spot, sphere: Circle, focal_px: float) -> _Highlight:
+    """What a spot of a picture (H, W, 3) shows."""
     height, width = picture.shape[:2]
     rows, columns = _with_glow(spot, height, width)
     light = picture[rows, columns].astype(np.float64)
@@ -167,7 +184,7 @@ def _lamp(
     share = light * np.linalg.norm(angle, axis=1, keepdims=True)
     direction = unit((towards(0, 0) * share.sum(axis=1, keepdims=True)).sum(axis=0))
     # the light falls off the sphere's own reflection evenly: what glows around is small beside it
-    return direction, share.sum(axis=0), float(light.max())
+    return _Highlight(direction, share.sum(axis=0), float(light.max()))
 
 
 def _with_glow(spot: _Spot, height: int, width: int) -> _Spot:

@@ -200,13 +200,7 @@ def _surface(
     off_share: as `unexplained` of Surface.
     """
     fitted, mask = scene.grid.mask, belongs > 0
-    places = np.zeros((2, *fitted.shape), np.intp)
-    for part in np.unique(belongs[fitted]):
-        others = ~(fitted & (belongs == part))
-        nearest = ndimage.distance_transform_edt(
-            others, return_distances=False, return_indices=True
-        )
-        places = np.where(belongs == part, nearest, places)
+    places = _nearest_fitted(fitted, belongs)
 
     def field(values: Floats64) -> Floats64:
         picture = np.zeros((*fitted.shape, *values.shape[1:]))
@@ -235,6 +229,18 @@ def _surface(
         strengths=strengths / strengths.max(),
         focal_px=scene.grid.focal_px * block,
     )
+
+
+def _nearest_fitted(fitted: Mask, belongs: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows and columns (2, h, w) of the nearest fitted pixel of the part that each belongs to."""
+    places = np.zeros((2, *fitted.shape), np.intp)
+    for part in np.unique(belongs[fitted]):
+        others = ~(fitted & (belongs == part))
+        nearest = ndimage.distance_transform_edt(
+            others, return_distances=False, return_indices=True
+        )
+        places = np.where(belongs == part, nearest, places)
+    return places
 
 
 def _strengths(scene: Scene, state: State, flash_white: Floats64) -> Floats64:

@@ -149,7 +149,10 @@ def test_rooms_by_other_cameras_are_a_row_each() -> None:
     assert rows[-1] == ["the others", "24", *few, "26.5 / 16.0", *rest, "1"]
 
 
-def test_cameras_that_are_not_at_hand_keep_what_the_report_has_of_them(tmp_path: Path) -> None:
+def test_cameras_that_are_not_at_hand_keep_what_the_report_has_of_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tests.evaluation.report.draw_plots", lambda *_: None)  # which takes long
     whole, poor = good(), good()
     refused = changed(whole, "cameras-three", 8, snr_db=0.0, found=0, refusal="Too dark.")
     assert outcome_without_others(poor) == 48

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.calibration import matt_sphere
 from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.pair import Pair
 from tests.targets import Shot, other_colorchecker, photograph_chart, photograph_sphere
@@ -38,3 +39,9 @@ def chart() -> Shot:
 @pytest.fixture(scope="module")
 def ball() -> Shot:
     return photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]))
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spheres are seen in blocks of three by three pixels, a ninth of the work."""
+    monkeypatch.setattr(matt_sphere, "_BLOCKS", 1000)

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.calibration import calibrate
 from pipeline.calibration.calibrate import calibrate_files
-from pipeline.calibration.matt_sphere import LampsEstimate
+from pipeline.calibration.lamps_estimate import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.decode import decode
 from pipeline.options import Circle

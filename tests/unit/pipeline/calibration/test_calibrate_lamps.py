@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.calibration import calibrate_lamps
-from pipeline.calibration.matt_sphere import LampsEstimate
+from pipeline.calibration.lamps_estimate import LampsEstimate
 from pipeline.errors import UnusablePairError
 from pipeline.options import Circle, DirectedLight
 from pipeline.vectors import unit
@@ -28,6 +28,7 @@ from tests.unit.pipeline.calibration.runs import (
 )
 
 
+@pytest.mark.usefixtures("coarse")
 def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS, np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)]))
     manifest = run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=2)
@@ -46,6 +47,7 @@ def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     assert "flash_aside" not in [warning["code"] for warning in manifest["warnings"]]
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("colours", "strengths", "rgb"),
     [
@@ -72,6 +74,7 @@ def test_lamps_without_green_are_calibrated(
     assert [light.rgb for light in read] == [pytest.approx(one, rel=0.02) for one in rgb]
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_lamp_alone_is_not_said_to_be_as_strong_as_others_of_other_files(tmp_path: Path) -> None:
     """Put together, both would else be of strength 1, whatever their light."""
     put_together = []
@@ -85,6 +88,7 @@ def test_a_lamp_alone_is_not_said_to_be_as_strong_as_others_of_other_files(tmp_p
     assert [light.rgb for light in read] == [pytest.approx((0.3, 1.0, 0.1), abs=0.01)] * 2
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]), flash_at=(0.12, 0.0))
     warnings = run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]

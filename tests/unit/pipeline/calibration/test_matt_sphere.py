@@ -9,7 +9,8 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.calibration import matt_sphere as module
-from pipeline.calibration.matt_sphere import LampsEstimate, matt_lamps
+from pipeline.calibration.lamps_estimate import LampsEstimate
+from pipeline.calibration.matt_sphere import matt_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.noise import Noise
@@ -30,12 +31,6 @@ def _errors(found: LampsEstimate, directions: Floats64) -> tuple[Floats64, tuple
     rows = np.arange(len(directions))
     order = min(permutations(rows), key=lambda order: angles[rows, list(order)].sum())
     return angles[rows, list(order)], tuple(int(i) for i in order)
-
-
-@pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spheres are seen in blocks of three by three pixels, a ninth of the work."""
-    monkeypatch.setattr(module, "_BLOCKS", 1000)
 
 
 @pytest.mark.usefixtures("coarse")
