@@ -212,7 +212,8 @@ def follow_outwards(given: FitInput, usual: Fit) -> Fit:
         if given.known.rejects(matrices) or _is_mirror(problem, matrices, _cost_level(reduced)):
             break
         left = _left(given, matrices)
-        if (left < limits).all() and left[0] < least[0]:
+        # noise may hide all that either leaves where most is left
+        if (left <= limits).all() and left[0] < least[0]:
             best, least = matrices, left
     return replace(usual, matrices=best)
 

@@ -235,6 +235,33 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     np.testing.assert_array_equal(found.matrices, other if taken else usual)
 
 
+@pytest.mark.parametrize(("of_mean", "taken"), [(0.92, True), (0.94, False)])
+def test_where_noise_hides_all_that_two_lamps_leave_the_whole_light_tells(
+    shadowed: Callable[[Floats64], Any],
+    fit_input: Callable[..., FitInput],
+    model: Model,
+    warm_to_cool: Floats64,
+    monkeypatch: pytest.MonkeyPatch,
+    of_mean: float,
+    taken: bool,
+) -> None:
+    """As where surfaces are few and noise is small: that is no reason to stay."""
+    usual, other = (model.lamp_matrix(warm_to_cool[lamps]) for lamps in ([0, 1], [0, 2]))
+    mean = 0.001
+    monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
+    monkeypatch.setattr(
+        fit,
+        "mean_left_over",
+        lambda _, matrices: mean * of_mean if np.array_equal(matrices, other) else mean,
+    )
+    monkeypatch.setattr(fit, "left_over", lambda *_: 0.0)
+    monkeypatch.setattr(fit, "most_mirrored", lambda *_: 0.0)
+
+    found = follow_outwards(fit_input(shadowed(warm_to_cool[[0, 2]])), Fit(usual, 1.0))
+
+    np.testing.assert_array_equal(found.matrices, other if taken else usual)
+
+
 @pytest.mark.parametrize(
     ("usual_leaves", "other_leaves", "taken"),
     [(1.0, 0.94, True), (1.0, 0.96, False), (0.6, 0.3, False)],
