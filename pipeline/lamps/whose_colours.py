@@ -142,8 +142,9 @@ def camera_doubts(
 
     lamps: how many were found. frame: one of the files, of which RAW ones may say that the camera
     is theirs, and linear ones may hold sRGB. build: the model of a camera. Where one
-    lamp was found, two are fitted, since a wrong camera may hide one. Nothing can be told of
-    renderings and profiled files, and where shadows have no edges.
+    lamp was found, two are fitted, since a wrong camera may hide one; where three, two as well,
+    since three that are asked for where there are two cost what chance has them cost. Nothing can
+    be told of renderings and profiled files, and where shadows have no edges.
     """
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
     if frame.in_colour_space or confirmed:
@@ -152,7 +153,7 @@ def camera_doubts(
     others = [(typical_sensor(), _LIKELIER_UNDER_ONE if alone else _SENSOR_LIKELIER)]
     if frame.encoding == "linear":
         others.append((srgb_stand_in(), _LIKELIER_UNDER_ONE if alone else _SRGB_LIKELIER))
-    numbers = [max(lamps, _TELLING_LAMPS)]
+    numbers = sorted({_TELLING_LAMPS, max(lamps, _TELLING_LAMPS)})
     fits = _Fits(reduced, gather_evidence(reduced), numbers, build)
     better = fits.much_likelier(camera, others)
     if better is None:

@@ -323,26 +323,54 @@ def test_where_one_lamp_was_found_it_takes_more_to_doubt_a_camera(
     assert bool(messages) is doubted
 
 
-@pytest.mark.parametrize(("lamps", "fitted"), [(1, 2), (2, 2), (3, 3)])
-def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
+@pytest.mark.parametrize(("lamps", "fitted"), [(1, {2}), (2, {2}), (3, {2, 3})])
+def test_a_camera_is_doubted_by_two_lamps_and_by_as_many_as_were_found(
     edged: Pair,
     linear: Frame,
     other_sensor: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     lamps: int,
-    fitted: int,
+    fitted: set[int],
 ) -> None:
-    numbers: list[int] = []
+    asked: list[tuple[str, int]] = []
 
-    def noting(_: FitInput, number: int) -> Fit:
-        numbers.append(number)
-        raise UnusablePairError("no sense in any pixel")
+    def noting(given: FitInput, number: int) -> Fit:
+        asked.append((given.model.camera.name, number))
+        return Fit(np.eye(3)[None].repeat(number, axis=0), 0.0)
 
     monkeypatch.setattr("pipeline.lamps.whose_colours.first_fit", noting)
 
     doubts_of(edged, lamps, Camera("Other", other_sensor, "file"), linear)
 
-    assert numbers == [fitted] * 3  # the camera, a typical sensor and sRGB
+    cameras = ("Other", typical_sensor().name, srgb_stand_in().name)
+    assert sorted(asked) == sorted((name, number) for name in cameras for number in fitted)
+
+
+@pytest.mark.parametrize(
+    ("two", "three", "doubted"), [(-950.0, -300.0, False), (0.0, -1100.0, True)]
+)
+def test_three_lamps_that_two_explain_better_speak_against_no_camera(
+    edged: Pair,
+    linear: Frame,
+    other_sensor: Floats64,
+    monkeypatch: pytest.MonkeyPatch,
+    two: float,
+    three: float,
+    doubted: bool,
+) -> None:
+    """Where three are asked for and there are two, a third costs what chance has it cost."""
+    costs = {("Other", 2): -1000.0, ("Other", 3): -100.0}
+    others = {2: two, 3: three}
+
+    def fitted(given: FitInput, number: int) -> Fit:
+        matrices = given.model.lamp_matrix(np.eye(3)[:number])  # against which no prior speaks
+        return Fit(matrices, costs.get((given.model.camera.name, number), others[number]))
+
+    monkeypatch.setattr("pipeline.lamps.whose_colours.first_fit", fitted)
+
+    messages = doubts_of(edged, 3, Camera("Other", other_sensor, "file"), linear)
+
+    assert bool(messages) is doubted
 
 
 @pytest.mark.parametrize(("cost", "chosen"), [(89.0, "Other"), (91.0, "sRGB")])
