@@ -3,7 +3,7 @@
 A second lamp counts where the likelihood gains enough by it, but not
 
 - in photographs that a camera rendered: where two lamps leave much light over, and hardly less than
-  one does, for then it is the rendering's curve that they explain;
+  one does, and three no less, for then it is the rendering's curve that they explain;
 - in others: where surfaces of one colour are all off alike under one lamp, which is what no matrix
   can give of them; or where the gain is small and one lamp with gloss explains as much.
 
@@ -45,7 +45,7 @@ _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _SURELY_SECOND = 1500.0  # gloss gains less
 _WITHIN_COLOURS = 0.04  # of what one lamp leaves over, that surfaces of one colour do not share
 _LIKELY_ONE = 0.8  # confidence in one lamp, where colours or gloss explain as much as a second
-_STILL_LEFT = 0.62  # by two lamps, of what one leaves
+_STILL_LEFT = 0.62  # by several lamps, of what one leaves
 _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
@@ -143,9 +143,12 @@ def _passes_for_second(
 
 
 def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
-    """Whether two lamps explain little more than one, and a rendering's curve speaks for them."""
-    left = left_over(reduced, fit(2).matrices)
-    return left > max(MUCH_LEFT, _STILL_LEFT * left_over(reduced, fit(1).matrices))
+    """Whether two lamps explain little more than one, and a rendering's curve speaks for them.
+
+    Not where three explain much more: what a curve bends is no mixture of three lamps either.
+    """
+    much = max(MUCH_LEFT, _STILL_LEFT * left_over(reduced, fit(1).matrices))
+    return all(left_over(reduced, fit(number).matrices) > much for number in (2, MOST_LAMPS))
 
 
 def _logistic(x: float) -> float:

@@ -367,23 +367,25 @@ def test_counting_is_the_same_every_time(
 @pytest.mark.parametrize(
     ("rendered", "left", "number"),
     [
-        (True, (0.16, 0.101), 1),
-        (True, (0.16, 0.097), 2),
-        (True, (0.085, 0.081), 1),
-        (True, (0.085, 0.079), 2),
-        (False, (0.16, 0.15), 2),
+        (True, (0.16, 0.101, 0.101), 1),
+        (True, (0.16, 0.101, 0.097), 2),
+        (True, (0.16, 0.097, 0.2), 2),
+        (True, (0.085, 0.081, 0.081), 1),
+        (True, (0.085, 0.081, 0.079), 2),
+        (True, (0.085, 0.079, 0.2), 2),
+        (False, (0.16, 0.15, 0.15), 2),
     ],
 )
-def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
+def test_several_lamps_of_a_rendered_pair_lessen_what_is_left_over(
     counted: Callable[[Any], Count],
     shadowed: Shadowed,
     warm_to_cool: Floats64,
     monkeypatch: pytest.MonkeyPatch,
     rendered: bool,
-    left: tuple[float, float],
+    left: tuple[float, float, float],
     number: int,
 ) -> None:
-    """Where two leave much and hardly less than one, their likelihood is the curve's doing."""
+    """Where two and three leave much and hardly less than one, the curve makes them likely."""
     pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
     monkeypatch.setattr(count, "left_over", lambda _, matrices: left[len(matrices) - 1])
 
