@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,4 +118,39 @@ def make_ball(sensitivities: Floats64, size: int = 48, materials: int = 1, lamps
         inside,
         directions,
         np.array(colours),
+    )
+
+
+def before_a_wall(ball: Ball, distance: float = 3.3) -> Ball:
+    """The same ball, of one material, before a wall of it, on which it casts its shadows.
+
+    The picture shows half as much again in both directions.
+    """
+    border = len(ball.depth) // 4
+    wide = len(ball.depth) + 2 * border
+    y, x = np.mgrid[:wide, :wide] - (wide / 2 - 0.5)
+    ray = np.stack([x / ball.focal_px, -y / ball.focal_px, -np.ones_like(x)], axis=-1)
+    from_centre = distance * ray - np.array([0.0, 0.0, -2.0])
+    aside = np.linalg.norm(np.cross(from_centre[..., None, :], ball.directions), axis=-1)
+    shading = np.moveaxis(ball.directions[:, 2] * (aside > 0.4), 2, 0)
+    middle = (len(ball.depth) // 2,) * 2
+    facing = ball.directions @ ball.normals[middle]
+    lamps = shading[..., None] * (ball.lamps[:, *middle] / facing[:, None])[:, None, None]
+    card = ball.flash[middle] * ball.depth[middle] ** 2
+    flash = card * (distance / (distance * np.linalg.norm(ray, axis=2)) ** 3)[..., None]
+
+    def behind(wall: Floats64, thing: Floats64) -> Floats64:
+        """What the wall shows, but where the ball hides it; (..., H, W, n) of both."""
+        shown = wall.copy()
+        inner = shown[..., border : wide - border, border : wide - border, :]
+        inner[...] = np.where(ball.inside[..., None], thing, inner)
+        return shown
+
+    return replace(
+        ball,
+        normals=behind(np.broadcast_to([0.0, 0.0, 1.0], ray.shape), ball.normals),
+        depth=behind(np.full((wide, wide, 1), distance), ball.depth[..., None])[..., 0],
+        flash=behind(flash, ball.flash),
+        lamps=behind(lamps, ball.lamps),
+        inside=np.ones((wide, wide), bool),
     )

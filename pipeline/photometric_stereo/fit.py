@@ -21,7 +21,7 @@ _LENGTHS = (1.0, 0.5, 0.25, 0.1)  # of a step, tried until one makes things bett
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
 _CONTINUED_STEPS = 2
 _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
-_UNEXPLAINED = (0.01, 0.3)  # share of the pixels between which shadows are to blame
+_UNEXPLAINED = 0.01  # share of the pixels from which on shadows are to blame
 _MUCH_UNEXPLAINED = 0.05
 _LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
 _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
@@ -30,6 +30,7 @@ _LEAST_DEPTH = 1e-3  # squared, of the median
 
 MOST_TRIAL_TICKS = 2 * len(_SCALES)
 MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
+MOST_TICKS += 2 * (len(_SCALES_AGAIN) + len(_SCALES_ON))
 MOST_TICKS_ON = len(_SCALES_AGAIN) + 2 * len(_SCALES_ON)
 MOST_TICKS_AGAIN = 3 * len(_SCALES_AGAIN) + MOST_TICKS
 """Most calls of tick by fit with rounds=0, fit, fit_on and fit_again."""
@@ -39,16 +40,19 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
     """The likeliest surface, lamps and materials, and −2 log posterior.
 
     From a flat and from an inflated start, as one of them may lead astray: the likelier is taken.
-    Where it leaves light unexplained, a shadow has bent the surface: with lamps and materials as
-    found, the light itself tells which lamps shine where, and the surface starts anew, at most so
-    many rounds. What leaves most of the light unexplained is no matter of shadows. tick: called
-    before every scale.
+    Where it leaves light unexplained, a shadow has bent the surface, and the light itself tells
+    which lamps shine where: with the lamps that layers were separated by, which shadows told best,
+    and then with lamps and materials as found, the surface starts anew, at most so many rounds.
+    tick: called before every scale.
     """
     starts = scene.grid.flat(), scene.grid.inflated()
     found = min((_follow(scene, _start(scene, h), tick) for h in starts), key=_likeliest)
-    for _ in range(rounds):
-        if not _UNEXPLAINED[0] < unexplained(scene, found[0]).mean() < _UNEXPLAINED[1]:
+    for again in range(rounds):
+        if unexplained(scene, found[0]).mean() < _UNEXPLAINED:
             break
+        if not again:
+            separated = (_follow_separated(scene, h, tick) for h in starts)
+            found = min([found, *separated], key=_likeliest)
         better = _better(scene, found, tick)
         if better is found:
             break
@@ -71,7 +75,7 @@ def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
         if better is found:
             break
         found = better
-        if unexplained(scene, found[0]).mean() < _UNEXPLAINED[0]:
+        if unexplained(scene, found[0]).mean() < _UNEXPLAINED:
             break
     if unexplained(scene, found[0]).mean() > _MUCH_UNEXPLAINED:
         found = min(found, fit(scene, tick), key=_likeliest)
@@ -149,6 +153,13 @@ def _follow_again(scene: Scene, found: State, h: Floats64, tick: Tick) -> tuple[
             objective = make_objective(scene, state, scale)
             state = _shone_on(_moved(objective, state), objective)
     return state, cost(scene, state)
+
+
+def _follow_separated(scene: Scene, h: Floats64, tick: Tick) -> tuple[State, float]:
+    """Follow a start h (c,) with the lamps that layers were separated by, materials as is usual."""
+    modes = np.stack([prior.found for prior in scene.priors])
+    start = replace(_start(scene, h), modes=modes)
+    return _follow_on(scene, _follow_again(scene, start, start.h, tick)[0], tick)
 
 
 def _follow_on(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:

@@ -23,6 +23,7 @@ from pipeline.photometric_stereo.growth import MOST_TICKS as _OF_GROWTH
 from pipeline.photometric_stereo.growth import grown
 from pipeline.photometric_stereo.objective import with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, moved_to
+from pipeline.photometric_stereo.sides import jumps
 from pipeline.progress import Tick
 
 _MOST_CUTS, _LEAST_CUT = 3, 0.01
@@ -31,7 +32,7 @@ _ROUNDS = 3  # of fitting all and growing anew
 _LEFT_OUT = 100.0  # −2 log likelihood of a pixel that a surface has no part of
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
-MOST_TICKS = _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
+MOST_TICKS = 2 * _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
 MOST_TICKS += _ROUNDS * (MOST_TICKS_ON + _OF_GROWTH)
 """Most calls of tick by fit_in_parts."""
 
@@ -41,18 +42,27 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
 
     A jump of depth leaves pixels beside it that no lamp explains. Without them its sides hang
     together no longer, and each finds its own distance by the fall-off of the flash, with lamps and
-    materials as found so far: what is left bends them less and less. Then the parts grow back, all
-    is fitted on, and what is not explained then grows anew. The likeliest on the way is returned,
-    with what is left of the scene; or the surface without cuts, where it leaves few pixels
-    unexplained and is likelier on those of the other. tick: as of fit.
+    materials as found so far: what is left bends them less and less. Where the first fit is bent
+    too much to tell jumps, the pair itself does: cut there and fitted from the start it may be
+    likelier. Then the parts grow back, all is fitted on, and what is not explained then grows anew.
+    The likeliest on the way is returned, with what is left of the scene; or the surface without
+    cuts, where it leaves few pixels unexplained and is likelier on those of the other. tick: as of
+    fit.
     """
     whole, (uncut, _) = scene, fit(scene, tick)
     state, found, cuts = uncut, [], 0
+    least = _LEAST_LEFT * len(whole.light)
     while unexplained(scene, state).mean() > _LEAST_CUT and cuts < _MOST_CUTS:
-        less = _explained(scene, state)
-        if len(less.light) < _LEAST_LEFT * len(whole.light):
+        less, ways = _explained(scene, state), []
+        if len(less.light) >= least:
+            ways.append((less, fit_again(less, moved_to(less, scene, state), tick)))
+        if not cuts and not any(unexplained(*way).mean() <= _LEAST_CUT for way in ways):
+            apart = _apart(whole)
+            if least <= len(apart.light) < len(whole.light):
+                ways.append((apart, fit(apart, tick)[0]))
+        if not ways:
             break
-        scene, state = less, fit_again(less, moved_to(less, scene, state), tick)
+        scene, state = min(ways, key=_likeliest)
         cuts += 1
     if not cuts:
         return scene, state
@@ -66,11 +76,23 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
         # most of what was cut out belongs to one side or the other
         scene, state = grown(whole, scene, state, tick)
         found.append((scene, state))
-    scene, state = min(found, key=lambda one: cost(*one) - _LEFT_OUT * len(one[0].light))
+    scene, state = min(found, key=_likeliest)
     few = unexplained(whole, uncut).mean() < _MANY
     if few and cost(scene, _within(scene, whole, uncut)) < cost(scene, state):
         return whole, uncut
     return scene, state
+
+
+def _likeliest(found: tuple[Scene, State]) -> float:
+    return cost(*found) - _LEFT_OUT * len(found[0].light)
+
+
+def _apart(scene: Scene) -> Scene:
+    """The scene without the pixels beside which depth may jump, and without crumbs."""
+    mask = scene.grid.mask
+    flash, light = np.zeros(mask.shape), np.zeros(mask.shape)
+    flash[mask], light[mask] = scene.total, scene.light.sum(axis=1)
+    return scene.without(parts_of(mask & ~jumps(flash, light, mask))[mask] == 0)
 
 
 def _explained(scene: Scene, state: State) -> Scene:

@@ -32,12 +32,14 @@ class ResponsePrior:
     """What a lamp's matrix may be: mean + Σ_k a_k modes[k], a ~ N(0, 1), plus each material's own.
 
     mean: (3, 3), flash part → light of the lamp. modes: (k, 3, 3). material: (3, 3), whitened
-    deviation of a material → its light by the flash part's sum of channels.
+    deviation of a material → its light by the flash part's sum of channels. found: (k,) of the
+    modes where the matrix is as layers were separated by, 0 without one.
     """
 
     mean: Floats64
     modes: Floats64
     material: Floats64
+    found: Floats64
 
 
 def floored(colours: Floats64) -> Floats64:
@@ -77,10 +79,13 @@ class LampBank:
         # (lamps, reflectances, 3)
         self._seen = np.einsum("lw,rw,kw->lrk", lights, rho, sensitivities, optimize=True)
 
-    def prior(self, colour: Floats64, measured: bool = True) -> ResponsePrior:
+    def prior(
+        self, colour: Floats64, measured: bool = True, separated: Floats64 | None = None
+    ) -> ResponsePrior:
         """Learn the prior of a lamp from its colour (3,) on a grey card, scaled to its strength.
 
-        measured: whether the colour was; else it may be off, too.
+        measured: whether the colour was; else it may be off, too. separated: (3, 3), the lamp's
+        matrix by which layers were separated, of any scale.
         """
         colour = floored(colour)
         like, weights = self._alike(colour)
@@ -108,7 +113,19 @@ class LampBank:
         if not measured:
             channels = _COLOUR * np.eye(3)[:, :, None] * mean
             modes = np.concatenate([modes, channels])
-        return ResponsePrior(mean, modes, material)
+        found = np.zeros(len(modes))
+        if separated is not None:
+            found = self._modes_at(separated, mean, modes)
+        return ResponsePrior(mean, modes, material, found)
+
+    def _modes_at(self, matrix: Floats64, mean: Floats64, modes: Floats64) -> Floats64:
+        """The likeliest modes (k,) of a lamp that was found to have this matrix (3, 3)."""
+        bright = (mean @ self.flash_white).sum() / (matrix @ self.flash_white).sum()
+        by_mode = modes.reshape(len(modes), 9).T / (_SLACK * np.abs(mean).max())
+        off = (bright * matrix - mean).ravel() / (_SLACK * np.abs(mean).max())
+        return np.asarray(
+            np.linalg.solve(by_mode.T @ by_mode + np.eye(len(modes)), by_mode.T @ off)
+        )
 
     def _alike(self, colour: Floats64) -> tuple[NDArray[np.intp], Floats64]:
         """Lamps of like colour, and their weights, which sum to 1."""

@@ -8,6 +8,8 @@ leads to them: the image foresting transform (Falcão, Stolfi and Lotufo 2004).
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -20,6 +22,7 @@ from pipeline.images.frames import Mask
 Parts = NDArray[np.intp]
 
 _STEP = 0.01  # of a way, where nothing changes
+_JUMP = 0.1  # relative change at once of both flash part and what the lamps give beside it
 _LEAST = 1e-6  # of the light
 _MIDDLE = 0.7  # of the way into a thin part
 
@@ -50,6 +53,22 @@ def sides(flash: Floats64, light: Floats64, mask: Mask, parts: Parts, reach: flo
     return np.where(mask, _nearest(found), 0)  # to islands no way leads
 
 
+def jumps(flash: Floats64, light: Floats64, mask: Mask) -> Mask:
+    """Pixels (H, W) beside which flash part and light for each unit of it change at once.
+
+    flash, light: (H, W), sums over the channels, > 0 in the mask. Depth may jump there; a crease is
+    told as well, an edge of paint or of a shadow not.
+    """
+    turned, lit = _logarithms(flash, light)
+    found = np.zeros_like(mask)
+    for one, other in _neighbours(mask.shape, ((0, 1), (1, 0))):
+        change = np.minimum(np.abs(turned[one] - turned[other]), np.abs(lit[one] - lit[other]))
+        jump = (change > _JUMP) & mask[one] & mask[other]
+        found[one] |= jump
+        found[other] |= jump
+    return found
+
+
 def _nearest(parts: Parts) -> Parts:
     """The part that is nearest to each pixel (H, W)."""
     at = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
@@ -70,13 +89,9 @@ def _sure(parts: Parts, mask: Mask, reach: float) -> Parts:
 
 def _ways(flash: Floats64, light: Floats64, mask: Mask, number: Parts) -> coo_array:
     """The ways (n, n) between neighbouring pixels of a mask, also across corners."""
-    height, width = mask.shape
-    turned = np.log(np.maximum(flash, _LEAST))
-    lit = np.log(np.maximum(light, _LEAST)) - turned
+    turned, lit = _logarithms(flash, light)
     rows, columns, lengths = [], [], []
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        one = np.s_[: height - dy, max(-dx, 0) : width - max(dx, 0)]
-        other = np.s_[dy:, max(dx, 0) : width + min(dx, 0)]
+    for one, other in _neighbours(mask.shape, ((0, 1), (1, 0), (1, 1), (1, -1))):
         both = mask[one] & mask[other]
         change = np.abs(turned[one] - turned[other]) * np.abs(lit[one] - lit[other])
         rows.append(number[one][both])
@@ -85,3 +100,22 @@ def _ways(flash: Floats64, light: Floats64, mask: Mask, number: Parts) -> coo_ar
     size = int(mask.sum())
     ways = np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))
     return coo_array(ways, shape=(size, size))
+
+
+def _logarithms(flash: Floats64, light: Floats64) -> tuple[Floats64, Floats64]:
+    """Of the flash part (H, W) and of the lamps' light for each unit of it."""
+    turned = np.log(np.maximum(flash, _LEAST))
+    return turned, np.log(np.maximum(light, _LEAST)) - turned
+
+
+def _neighbours(
+    shape: tuple[int, ...], steps: Iterable[tuple[int, int]]
+) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]:
+    """Where in a picture of a shape pixels and those that lie so many (down, across) from them are.
+
+    down: 0 or more.
+    """
+    height, width = shape
+    for down, across in steps:
+        one = np.s_[: height - down, max(-across, 0) : width - max(across, 0)]
+        yield one, np.s_[down:, max(across, 0) : width + min(across, 0)]

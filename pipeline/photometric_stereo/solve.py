@@ -100,7 +100,7 @@ def solve_surface(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
             "its power."
         )
-    priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
+    priors = [tuple(bank.prior(*one) for one in few) for few in _likely(lights, lamps, model)]
     sizes = (_COARSE, _FINE) if len(priors) == 1 else (_TRIAL, _COARSE, _FINE)
     views = {most: make_view(reduced, focal_px, most) for most in sizes}
     if min(view.mask.sum() for view in views.values()) < _MIN_PIXELS:
@@ -147,25 +147,33 @@ def _in_parts(fine: Scene, views: dict[int, View], kept: Mask) -> tuple[Scene, N
     return fine.without(((parts == 0) | (parts != belongs))[mask]), belongs
 
 
-def _colours(
+def _likely(
     lights: Sequence[DirectedLight], lamps: Lamps, model: Model
-) -> list[list[tuple[Floats64, bool]]]:
-    """What the lamps' colours on a grey card may be, in the order of the lights; whether known."""
+) -> list[list[tuple[Floats64, bool, Floats64 | None]]]:
+    """What the lamps may be, in the order of the lights, each as arguments of LampBank.prior."""
     given = np.array([light.strength or 0.0 for light in lights])
     strengths = np.where(given > 0, given, given[given > 0].mean() if given.any() else 1.0)
     counts = f"There are {len(lights)} light directions, and the number of lamps is {len(lamps)}"
     if len(lamps) > len(lights):  # whose light would be taken for that of those that are given
         raise OptionError(f"{counts}: give a direction for each lamp.")
+    whites = lamps.matrices @ model.flash_white
     if all(light.rgb for light in lights):
         rgb = np.array([light.rgb for light in lights], dtype=np.float64)
-        return [[(one, True) for one in _of_strength(rgb, strengths)]]
+        found: list[Floats64 | None] = [None] * len(lights)
+        if len(lamps) == len(lights):
+            found = list(lamps.matrices[list(likely_orders(lights, whites)[0])])
+        return [
+            [(one, True, m) for one, m in zip(_of_strength(rgb, strengths), found, strict=True)]
+        ]
     if len(lamps) < len(lights):
         raise OptionError(
             f"{counts}: give the directions of those lamps alone, or the rgb of each light."
         )
-    whites = lamps.matrices @ model.flash_white
     return [
-        [(one, False) for one in _of_strength(whites[list(order)], strengths)]
+        [
+            (one, False, lamps.matrices[lamp])
+            for one, lamp in zip(_of_strength(whites[list(order)], strengths), order, strict=True)
+        ]
         for order in likely_orders(lights, whites)
     ]
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.arrays import Floats64
 from pipeline.photometric_stereo import fit as fit_module
 from pipeline.photometric_stereo.fit import continued, fit, fit_again, fit_on, refine
 from pipeline.photometric_stereo.objective import make_objective
@@ -105,6 +106,57 @@ def test_a_wide_shadow_does_not_bend_the_surface(
     assert known.sum() > 150
     assert one.error_of(scene, state, known) < 1
     assert one.error_of(scene, state, one.lit & ~shadow) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("shaded", "cost", "taken"), [(True, -1e9, True), (True, 1e9, False), (False, -1e9, False)]
+)
+def test_lamps_that_layers_were_separated_by_are_a_start_where_light_is_unexplained(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    true_state: Callable[..., State],
+    monkeypatch: pytest.MonkeyPatch,
+    shaded: bool,
+    cost: float,
+    taken: bool,
+) -> None:
+    """Taken where they lead to what is likelier."""
+    one = ball(24)
+    scene = scene_of(one)
+    starts: list[int] = []
+    state = replace(true_state(one, scene), modes=np.full((3, 7), 0.25))
+
+    def separated(_: Scene, h: Floats64, __: object) -> tuple[State, float]:
+        starts.append(len(h))
+        return state, cost
+
+    monkeypatch.setattr(fit_module, "_follow_separated", separated)
+    monkeypatch.setattr(
+        fit_module, "unexplained", lambda *_: np.array([0.011 if shaded else 0.009])
+    )
+    monkeypatch.setattr(fit_module, "_better", lambda _, found, __: found)
+
+    found, _ = fit(scene)
+
+    assert len(starts) == (2 if shaded else 0)
+    assert (found is state) is taken
+
+
+def test_separated_lamps_are_followed_from_their_own_matrices(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(ball(24))
+    modes = [np.full(7, value) for value in (0.1, 0.2, 0.3)]
+    told = [replace(prior, found=one) for prior, one in zip(scene.priors, modes, strict=True)]
+    scene = replace(scene, priors=tuple(told))
+    monkeypatch.setattr(fit_module, "_follow_again", lambda _, state, __, ___: (state, 0.0))
+    monkeypatch.setattr(fit_module, "_follow_on", lambda _, state, __: (state, 7.0))
+
+    state, cost = fit_module._follow_separated(scene, scene.grid.flat(), lambda: None)
+
+    np.testing.assert_array_equal(state.modes, modes)
+    assert cost == 7.0
+    assert not state.own.any()
 
 
 @pytest.mark.parametrize(("left", "cost", "taken"), [(0.06, -1e9, True), (0.04, -1e9, False)])

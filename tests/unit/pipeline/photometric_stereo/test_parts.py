@@ -13,6 +13,7 @@ from pipeline.photometric_stereo import parts as parts_module
 from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
 from pipeline.photometric_stereo.scene import Scene, State
+from tests.ball import before_a_wall
 
 
 def test_a_continuous_surface_stays_in_one_piece(
@@ -58,7 +59,7 @@ def test_either_side_of_a_jump_finds_its_own_distance(
 
     left, state = fit_in_parts(scene)
 
-    assert left.grid.mask.sum() > 0.95 * one.inside.sum()
+    assert left.grid.mask.sum() > 0.94 * one.inside.sum()
     assert one.error_of(left, state, one.lit & left.grid.mask) < 1
     depth = np.full(one.inside.shape, np.nan)
     depth[left.grid.mask] = np.sqrt(state.h[left.grid.corners].mean(axis=1))
@@ -66,6 +67,19 @@ def test_either_side_of_a_jump_finds_its_own_distance(
     middle = np.s_[10:22]
     beyond, before = (np.nanmedian(relative[middle, at]) for at in (slice(20, 25), slice(11, 16)))
     assert beyond / before == pytest.approx(ratio, rel=0.01)
+
+
+def test_a_thing_before_a_wall_does_not_bend_it(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """It hides part of the wall and casts three shadows on it, which no one surface explains."""
+    one = before_a_wall(ball(32))
+    scene = scene_of(one)
+
+    left, state = fit_in_parts(scene)
+
+    assert left.grid.mask.mean() > 0.9
+    assert one.error_of(left, state, one.lit & left.grid.mask) < 1
 
 
 @pytest.fixture
@@ -114,6 +128,7 @@ def cut(
             return grown_cost if at is scene else 0.0
 
         monkeypatch.setattr(parts_module, "fit", lambda *_: (state, 0.0))
+        monkeypatch.setattr(parts_module, "_apart", lambda whole: whole)
         monkeypatch.setattr(parts_module, "fit_again", fit_again)
         monkeypatch.setattr(parts_module, "fit_on", lambda _, found, __: found)
         monkeypatch.setattr(parts_module, "unexplained", off)

@@ -114,3 +114,18 @@ def test_the_prior_changes_smoothly_with_the_colour(bank: LampBank, camera: Came
     steps = [np.linalg.norm(b - a) for a, b in pairwise(path)]
 
     assert max(steps) < 6 * np.mean(steps)
+
+
+def test_a_lamp_is_told_by_the_matrix_that_separated_it(bank: LampBank, camera: Camera) -> None:
+    """Of any scale; along all modes but that of its strength, which such a matrix does not tell."""
+    colour = white(camera, find_light("FL2"))
+    usual = bank.prior(colour)
+    along = np.array([0.8, -0.5, 0.3, 0.6, -0.4, 0.2, 0.0])
+    matrix = usual.mean + np.einsum("k,kxy->xy", along, usual.modes)
+
+    prior = bank.prior(colour, separated=4 * matrix)
+
+    np.testing.assert_array_equal(usual.found, 0)
+    np.testing.assert_array_equal(prior.mean, usual.mean)
+    found = prior.mean + np.einsum("k,kxy->xy", prior.found, prior.modes)
+    assert np.linalg.norm(found - matrix) < 0.1 * np.linalg.norm(usual.mean - matrix)

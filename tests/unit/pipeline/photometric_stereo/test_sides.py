@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
-from pipeline.photometric_stereo.sides import sides
+from pipeline.photometric_stereo.sides import jumps, sides
 
 SIZE = 24
 WHOLE = np.ones((SIZE, SIZE), bool)
@@ -93,3 +93,20 @@ def test_a_thin_part_is_not_lost() -> None:
     found = sides(flash, flash**3, WHOLE, parts, 4)
 
     np.testing.assert_array_equal(found, parts)
+
+
+def test_depth_may_jump_where_flash_and_light_change_at_once() -> None:
+    """Both by a tenth; pixels on either side are told, and none beside the mask."""
+    mask = WHOLE.copy()
+    mask[:2] = False
+
+    found = jumps(step(11, 1.12), step(11, 1.12 * 0.88), mask)
+
+    np.testing.assert_array_equal(found, ((across == 10) | (across == 11)) & mask)
+    assert not jumps(step(11, 1.12), step(11, 1.12 * 0.94), mask).any()
+
+
+def test_paint_and_shadows_are_no_jumps() -> None:
+    paint, shadow = step(10, 5.0), step(13, 0.3)
+
+    assert not jumps(paint, paint * shadow, WHOLE).any()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -231,6 +232,28 @@ def test_fewer_lamps_found_than_directions_will_do_with_the_colour_of_each(
     surface = solved(one, one.lights("strength", "rgb"), one.colours[:2])
 
     assert error(one, surface) < 1.0
+
+
+@pytest.mark.parametrize("said", [("rgb",), ()])
+def test_lamps_are_first_thought_to_be_as_layers_were_separated_by(
+    ball: Callable[..., Any],
+    lamps_of: Callable[..., Lamps],
+    model: Model,
+    said: tuple[str, ...],
+) -> None:
+    """The lamps found are in another order than the directions; fewer tell none."""
+    one = ball(10)
+    lamps = lamps_of(one.colours[[2, 0, 1]])
+
+    likely = solve_module._likely(one.lights(*said), lamps, model)
+
+    orders = [[1, 2, 0]] if said else list(permutations(range(3)))
+    assert len(likely) == len(orders)
+    for few, order in zip(likely, orders, strict=True):
+        np.testing.assert_array_equal([matrix for *_, matrix in few], lamps.matrices[list(order)])
+        assert {measured for _, measured, _ in few} == {bool(said)}
+    (fewer,) = solve_module._likely(one.lights("rgb"), lamps_of(one.colours[:2]), model)
+    assert [matrix for *_, matrix in fewer] == [None] * 3
 
 
 def test_a_picture_with_hardly_any_light_is_refused(
