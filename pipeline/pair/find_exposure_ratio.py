@@ -26,6 +26,7 @@ _DEVIATION = 0.01  # of a block's light; more than noise, for a surface is not q
 _WIDTHS = ((0.06, 0.15), (0.03, 0.08))
 _BRIGHT = 0.9  # quantile of the flash photograph's values that is taken for white
 _LEAST_RATIO = 0.02  # quantile of the blocks' ratios, about the greatest ratio that may be
+_LEAST_SPREAD = 0.1  # natural logarithm, of the median over that: else the flash part is noise
 _BELOW, _ABOVE, _STEP = 2.5, 0.3, 0.1  # natural logarithms, from there
 _LAST_STEP = 0.002
 _LEAST_HEIGHT, _SURE = 2.0, 1.5  # % of the pairs; times the height at the ratio that was told
@@ -36,13 +37,17 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     """The factor > 0 by which the ratio must be multiplied that the pair was brought to scale by.
 
     1.0 where that ratio is right, None where little tells: where the lamps' share is alike
-    everywhere, or their colour that of the flash. ratios: of a linear pair, not a rendered one.
+    everywhere, their colour that of the flash, or the flash weak. ratios: of a linear pair, not of
+    a rendered one.
     """
     no_flash, flash, known = _blocks(ratios)
     if not known.any():
         return None
     quotients = flash / no_flash
-    most = float(np.quantile(quotients[known].min(axis=1), _LEAST_RATIO))
+    least = quotients[known].min(axis=1)
+    most = float(np.quantile(least, _LEAST_RATIO))
+    if np.median(least) < np.exp(_LEAST_SPREAD) * most:
+        return None
     pairs = pairs_apart(most / quotients, known, _OFFSETS, _FEW_PAIRS)
     if pairs is None:
         return None

@@ -28,7 +28,7 @@ def in_shadows(flash: float = 0.35) -> Ratios:
 
 
 @pytest.mark.parametrize("factor", [0.125, 0.5, 0.8, 1.25, 2.0, 8.0])
-@pytest.mark.parametrize("flash", [0.1, 0.35])
+@pytest.mark.parametrize("flash", [0.2, 0.35])
 def test_a_wrong_ratio_is_told_to_three_percent(factor: float, flash: float) -> None:
     found = find_exposure_ratio(brought_by(factor, in_shadows(flash)))
 
@@ -60,6 +60,11 @@ def test_neither_things_that_are_black_nor_clipped_count() -> None:
     found = find_exposure_ratio(brought_by(2.0, ratios_of(lamps, both, bad)))
 
     assert found == pytest.approx(0.5, rel=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_weak_flash_that_drowns_in_noise_tells_nothing(factor: float) -> None:
+    assert find_exposure_ratio(brought_by(factor, in_shadows(flash=0.01))) is None
 
 
 def test_lamps_of_the_colour_of_the_flash_tell_nothing() -> None:
