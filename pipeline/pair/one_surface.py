@@ -10,7 +10,8 @@ by those of two. A mean would be drawn towards the rest, so what is told is the 
 above its surroundings: of a narrow bell less a wide one of the same volume, which says nothing of a
 rest that rises evenly. A curve that takes the colour out of all things makes a peak as well, but
 one of strangers, too, places put together by chance. How bright the flash part is does not count:
-it falls off with distance and as surfaces turn. So the exposures must be known.
+it falls off with distance and as surfaces turn. A wrong ratio of the exposures looks like a curve
+or gains: these are looked for where it is known, and it is where there are none of these.
 """
 
 from __future__ import annotations

@@ -34,3 +34,16 @@ def have_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
         "pipeline.pair.pair.find_neighbours",
         lambda *given: Neighbours(np.full((4, 1, 3), 0.2), given[3]),
     )
+
+
+def given_to(monkeypatch: pytest.MonkeyPatch, search: str, found: Any) -> list[tuple[Any, ...]]:
+    """What a search of pipeline.pair.pair is given from now on, each time; it finds `found`."""
+    given: list[tuple[Any, ...]] = []
+
+    def find(*arguments: Any) -> Any:
+        given.append(arguments)
+        return found
+
+    monkeypatch.setattr(f"pipeline.pair.pair.{search}", find)
+    have_neighbours(monkeypatch)
+    return given

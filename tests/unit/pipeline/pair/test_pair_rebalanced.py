@@ -14,7 +14,7 @@ from pipeline.images.noise import Noise
 from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.pairs_of_frames import have_neighbours, lay_as_they_are, paired
+from tests.unit.pipeline.pair.pairs_of_frames import given_to, lay_as_they_are, paired
 
 CHANGE = BalanceChange(1.25, 0.8)
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
@@ -23,19 +23,11 @@ RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the search for a balance is given; it finds CHANGE, which stays, and no contrast."""
-    given: list[tuple[Any, ...]] = []
-
-    def find(*arguments: Any) -> BalanceChange:
-        given.append(arguments)
-        return CHANGE
-
-    monkeypatch.setattr("pipeline.pair.pair.find_balance_change", find)
     monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", lambda *_: None)
     monkeypatch.setattr(
         "pipeline.pair.pair.settle_balance_change", lambda *arguments: arguments[1:]
     )
-    have_neighbours(monkeypatch)
-    return given
+    return given_to(monkeypatch, "find_balance_change", CHANGE)
 
 
 @pytest.mark.parametrize("laid", [True, False])

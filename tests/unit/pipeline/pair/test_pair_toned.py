@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.images.frames import Frame
 from pipeline.pair.tone_curve import ToneCurve
-from tests.unit.pipeline.pair.pairs_of_frames import have_neighbours, lay_as_they_are, paired
+from tests.unit.pipeline.pair.pairs_of_frames import given_to, lay_as_they_are, paired
 
 RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 
@@ -19,15 +19,7 @@ RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the search for a contrast is given; it finds RISING."""
-    given: list[tuple[Any, ...]] = []
-
-    def find(*arguments: Any) -> ToneCurve:
-        given.append(arguments)
-        return RISING
-
-    monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", find)
-    have_neighbours(monkeypatch)
-    return given
+    return given_to(monkeypatch, "find_tone_curve", RISING)
 
 
 @pytest.mark.parametrize("laid", [True, False])
