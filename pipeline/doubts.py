@@ -33,6 +33,7 @@ _MUCH_MARKED = 0.015  # the same
 _MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
 _SHARP = 250  # blocks along the longer side; in smaller pairs neighbours lie in a shadow's rim
 _MUCH_IMPOSSIBLE = 0.1  # of the light, root mean square: such layers have less than 20 dB
+_BLUE = 0.4  # red over blue of the flash's light in a rendering; in balanced ones .5 to 1.3
 _LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
     "best": "are filled in from their surroundings",
     "paper": "are as published and cannot be relied on",
@@ -134,6 +135,22 @@ def _of_photographs(pair: Pair, reduced: ReducedPair, method: Method) -> Iterato
             f"{layers}: expose both shorter."
         )
         yield RunWarning(Code.CLIPPED, message, {"share": pair.clipped})
+    if reduced.rendered:
+        yield from _of_balance(reduced)
+
+
+def _of_balance(reduced: ReducedPair) -> Iterator[RunWarning]:
+    """Warn of a rendering balanced for warm lamps, in which the flash is blue and its red lost."""
+    red, _, blue = np.maximum(reduced.flash[reduced.usable], 0.0).mean(axis=0, dtype=np.float64)
+    if red >= _BLUE * blue:
+        return
+    message = (
+        f"The flash's light is blue in the photographs, with {red / blue:.2f} times as much red as "
+        "blue: their white balance is for warm lamps, unless nearly all that the flash lights is "
+        "blue. White-balanced pictures keep that cast, and layers are the worse the less red there "
+        "is. Set the white balance of both to flash or daylight, or send RAW files."
+    )
+    yield RunWarning(Code.FLASH_BLUE, message, {"red_over_blue": red / blue})
 
 
 def _of_lamps(

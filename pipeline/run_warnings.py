@@ -22,6 +22,7 @@ class Code(StrEnum):
     RENDERED_SRGB = "rendered_srgb"
     AUTO_WHITE_BALANCE = "auto_white_balance"
     ONE_GREY = "one_grey"
+    FLASH_BLUE = "flash_blue"
     RENDERED_EXPOSURES_DIFFER = "rendered_exposures_differ"
     MOVED = "moved"
     LIGHT_CHANGED = "light_changed"

@@ -27,6 +27,11 @@ Contrast = Literal["none", "s-curve", "strong"]
 """That a camera puts on top of sRGB's curve: code values moved by .05·sin 2π away from the middle;
 or middle tones twice as bright and highlights flat, as many cameras have it by default."""
 
+Balance = Literal["daylight", "bulbs"]
+"""What light a JPEG's white is balanced for: D65, or illuminant A, that of tungsten bulbs."""
+
+_BALANCED_FOR: dict[Balance, str] = {"daylight": "D65", "bulbs": "A"}
+
 _STRONG = PchipInterpolator(
     (0.0, 0.028, 0.121, 0.46, 0.859, 1.0), (0.0, 0.03, 0.232, 0.748, 0.968, 1.0)
 )
@@ -78,17 +83,20 @@ def capture(
     return Capture(no_flash, flash, truth, flash_part, "linear")
 
 
-def capture_jpeg(rendered: RenderedScene, contrast: Contrast = "none") -> Capture:
-    """Have the camera make JPEGs: its colours brought to sRGB for daylight, then sRGB's curve.
+def capture_jpeg(
+    rendered: RenderedScene, contrast: Contrast = "none", balance: Balance = "daylight"
+) -> Capture:
+    """Have the camera make JPEGs: its colours brought to sRGB for a light, then sRGB's curve.
 
-    contrast: of its own; the truth is light without it. No noise reduction; exposed as scenes
+    contrast: of its own; the truth is light without it. balance: for what light, by gains of the
+    camera's channels. No noise reduction; exposed as scenes
     are, for the brightest channel of sRGB. What sRGB cannot hold is cut off.
     """
     scene = rendered.scene
-    to_xyz = camera_to_xyz(
-        sensitivities(scene.camera), find_light("D65"), reflectances(scene.split)
-    )
-    matrix = (XYZ_TO_SRGB @ to_xyz).astype(np.float32)
+    sensor, daylight = sensitivities(scene.camera), find_light("D65")
+    to_xyz = camera_to_xyz(sensor, daylight, reflectances(scene.split))
+    gains = (sensor @ daylight) / (sensor @ find_light(_BALANCED_FOR[balance]))
+    matrix = (XYZ_TO_SRGB @ to_xyz * (gains / gains[1])).astype(np.float32)
     brightest = np.percentile((rendered.flash_frame @ matrix.T).max(axis=2), 99.9)
     matrix *= WHITE_LEVEL / brightest
     frames = (rendered.no_flash_frame, rendered.flash_frame)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tests.evaluation.capture import Contrast, Sensor, capture, capture_jpeg
+from tests.evaluation.capture import Balance, Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
 from tests.evaluation.shots import Shot
@@ -28,7 +28,7 @@ class Condition:
     """How a scene is photographed and sent.
 
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
-    contrast: that the camera gives a JPEG.
+    contrast: that the camera gives a JPEG. balance: the light that a JPEG's white is balanced for.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
@@ -40,6 +40,7 @@ class Condition:
     size: tuple[int, int] = SIZE
     files: Literal["exact", "noisy", "jpeg"] = "exact"
     contrast: Contrast = "none"
+    balance: Balance = "daylight"
     exposure: float = 1.0
     motion_px: float = 0.0
     camera: str | None = None
@@ -54,7 +55,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     """Photograph a scene. Only the first time it is rendered."""
     rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
     if condition.files == "jpeg":
-        taken = capture_jpeg(rendered, condition.contrast)
+        taken = capture_jpeg(rendered, condition.contrast, condition.balance)
     else:
         sensor = _SENSOR if condition.files == "noisy" else None
         taken = capture(rendered, sensor, condition.exposure)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from pipeline.decode import decode
-from tests.evaluation.capture import Contrast, Sensor, capture, capture_jpeg
+from pipeline.spectra.lights import find_light
+from tests.evaluation.capture import Balance, Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import RenderedScene, render_scene, scenes
+from tests.evaluation.spectra import sensitivities
 
 SMALL = (64, 48)
 
@@ -98,3 +100,17 @@ def test_a_cameras_contrast_bends_what_is_shown(
     near = np.abs(seen / light - 1) < 0.1
     assert near.any()
     assert np.median(shown[near] / seen[near]) == pytest.approx(times, abs=0.06)
+
+
+@pytest.mark.parametrize(("balance", "light"), [("daylight", "D65"), ("bulbs", "A")])
+def test_a_card_under_the_light_a_jpeg_is_balanced_for_is_white(
+    rendered: RenderedScene, balance: Balance, light: str
+) -> None:
+    shot = capture_jpeg(rendered, balance=balance)
+
+    seen, shown = (values.reshape(-1, 3) for values in (rendered.lamps, shot.truth))
+    to_srgb = np.linalg.lstsq(seen, shown, rcond=None)[0]
+    card = sensitivities(rendered.scene.camera) @ find_light(light) @ to_srgb
+    np.testing.assert_allclose(card / card[1], 1, atol=0.01)
+    held = decode(shot.no_flash, "auto").pixels[:]
+    assert np.abs(held - np.clip(shot.truth.sum(axis=0), 0, 1)).mean() < 0.06 * held.mean()

@@ -73,6 +73,7 @@ _MISSED = Condition(lights=1)
 _WRONG_CAMERA = Condition(lights="auto", camera="Sigma SD1 Merrill")
 _WRONG_RATIO = Condition(lights="auto", exposure_ratio=1.5)
 _JPEG = Condition(lights="auto", files="jpeg")
+_FOR_BULBS = Condition(lights="auto", files="jpeg", balance="bulbs")
 
 CASES = (
     Case("one lamp", "one", _AUTO, None, most=3),
@@ -92,6 +93,7 @@ CASES = (
     Case("another camera named", "two", _WRONG_CAMERA, Code.CAMERA_DOUBTFUL),
     Case("a wrong exposure ratio", "two", _WRONG_RATIO, Code.EXPOSURE_MISMATCH),
     Case("JPEG", "two", _JPEG, Code.RENDERED_SRGB),
+    Case("JPEG balanced for bulbs", "two", _FOR_BULBS, Code.FLASH_BLUE),
 )
 
 Found = dict[Split, list[tuple[Case, list[Result]]]]

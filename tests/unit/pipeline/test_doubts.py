@@ -35,6 +35,7 @@ def said(
         coefficients: Floats64 | None = None,
         usable: Any = True,
         in_shadows: tuple[float, float] | None = None,
+        red_over_blue: float | None = None,
         rendered: bool = False,
         sharp: int = 96,
         method: Literal["best", "paper"] = "best",
@@ -55,6 +56,12 @@ def said(
             monkeypatch.setattr(doubts_module, "_SHARP", sharp)
         reduced = reduce_pair(pair)
         reduced = replace(reduced, usable=reduced.usable & usable, rendered=rendered)
+        if red_over_blue is not None:
+            red, _, blue = reduced.flash[reduced.usable].mean(axis=0)
+            reduced.flash[..., 0] *= red_over_blue * blue / red
+            reduced.flash[~reduced.usable] = 9.0, 0.0, 0.0
+            none = np.zeros(reduced.usable.shape)
+            monkeypatch.setattr(doubts_module, "relative_residual", lambda *_: none)
         return doubts(pair, reduced, lamps_of(colours, **lamps), method, wanted)
 
     return find
@@ -399,6 +406,24 @@ def test_clipping_is_told(
     assert [(one.code, one.figures) for one in found] == [
         (Code.CLIPPED, {"share": clipped})
     ] * warned
+
+
+@pytest.mark.parametrize(("times", "warned"), [(1.05, False), (0.95, True)])
+@pytest.mark.parametrize("rendered", [False, True])
+def test_a_rendering_in_which_the_flash_is_blue_is_told(
+    said: Callable[..., list[RunWarning]], times: float, warned: bool, rendered: bool
+) -> None:
+    """A sensor's values have any balance. What is unusable counts for nothing."""
+    usable = np.arange(96) > 20
+    found = said(red_over_blue=0.4 * times, rendered=rendered, usable=usable)
+
+    if not (warned and rendered):
+        assert found == []
+        return
+    (one,) = found
+    assert one.code == Code.FLASH_BLUE
+    assert one.figures == {"red_over_blue": pytest.approx(0.38)}
+    assert "with 0.38 times as much red as blue" in one.message
 
 
 def test_expected_snr_falls_with_noise_and_likeness() -> None:
