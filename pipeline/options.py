@@ -198,8 +198,8 @@ class PairOptions(Strict):
     exposure_ratio: float | None = Field(
         default=None,
         gt=0,
-        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else from what "
-        "the flash does not reach, else 1.",
+        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else as the "
+        "pair shows it, else 1.",
     )
     align: bool = Field(default=True, description="Warp the flash frame onto the other.")
 
@@ -288,6 +288,12 @@ class Options(PairOptions):
             raise ValueError(
                 f"{len(pinned)} lamps are pinned and only {most} asked for; pin fewer, or ask for "
                 "more"
+            )
+        given = self.light_directions
+        if given is not None and most != "auto" and len(given) < most:
+            raise ValueError(
+                f"there are {len(given)} light directions, and {most} lamps are asked for; give a "
+                "direction for each lamp, or ask for fewer"
             )
         return self
 

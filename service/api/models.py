@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, RootModel, field_validator
@@ -12,6 +13,8 @@ from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
 from service.capture import Capture, CaptureSettings, Taking
 from service.rows import jobs
+
+_SECRET = r"^whsec_[A-Za-z0-9+/]{32,88}={0,2}$"
 
 
 def _whole(value: Any) -> Any:
@@ -26,7 +29,7 @@ class Webhook(BaseModel):
 
     url: str = Field(min_length=1, max_length=2048, description="Takes a POST; https or http.")
     secret: str = Field(
-        pattern=r"^whsec_[A-Za-z0-9+/]{32,88}={0,2}$",
+        json_schema_extra={"pattern": _SECRET},  # pydantic would tell it to people
         description="whsec_ and base64 of 24 to 64 bytes: the key of the signatures.",
     )
 
@@ -37,7 +40,7 @@ class Webhook(BaseModel):
             key = base64.b64decode(secret.removeprefix("whsec_") + "==")
         except ValueError:
             key = b""
-        if not 24 <= len(key) <= 64:
+        if not re.fullmatch(_SECRET, secret) or not 24 <= len(key) <= 64:
             raise ValueError("write whsec_ and base64 of 24 to 64 random bytes")
         return secret
 

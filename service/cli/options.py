@@ -49,8 +49,8 @@ class PairFlags:
         float | None,
         typer.Option(
             metavar="R",
-            help="Flash frame's exposure ÷ no-flash frame's. Default: from EXIF, else from what "
-            "the flash does not reach, else 1.",
+            help="Flash frame's exposure ÷ no-flash frame's. Default: from EXIF, else as the "
+            "pair shows it, else 1.",
         ),
     ] = None
     no_align: Annotated[

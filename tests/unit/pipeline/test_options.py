@@ -122,6 +122,10 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
             {"light_directions": [DIRECTION] * 2, "pinned_lamps": ["A", "B", "C"]},
             "3 lamps are pinned and only 2 asked for",
         ),
+        (
+            {"light_directions": [DIRECTION] * 2, "lights": 3},
+            "2 light directions, and 3 lamps are asked for; give a direction for each",
+        ),
         ({"method": "paper", "pinned_lamps": ["A"]}, "no room for pinned or forbidden"),
         ({"method": "paper", "forbidden_lamps": ["A"]}, "no room for pinned or forbidden"),
     ],

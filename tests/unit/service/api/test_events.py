@@ -292,7 +292,9 @@ def test_a_webhook_is_shown_without_its_secret(http: httpx.Client, context: Cont
         ({"secret": "secretword"}, "webhook.secret"),
         ({"secret": "whsec_" + "A" * 33}, "webhook.secret: write whsec_ and base64 of 24 to 64"),
         ({"secret": "whsec_" + "A" * 88}, "webhook.secret: write whsec_ and base64 of 24 to 64"),
-        ({"secret": "whsec_" + "A" * 20}, "webhook.secret"),
+        ({"secret": "whsec_" + "A" * 20}, "webhook.secret: write whsec_ and base64 of 24 to 64"),
+        ({"secret": "A" * 38}, "webhook.secret: write whsec_ and base64 of 24 to 64"),
+        ({"secret": "whsec_" + "A" * 32 + "\n"}, "webhook.secret: write whsec_ and base64"),
         ({"more": "secretword"}, "webhook.more"),
     ],
 )
