@@ -4,6 +4,7 @@ import { newOnce, post } from "./api.js";
 import { showCameras } from "./cameras.js";
 import { alarm, bytes, h, hold, say, single } from "./dom.js";
 import { goTo, tellProblem } from "./notes.js";
+import { lampCount, lightsOf } from "./otherwise.js";
 import { forget, sendFiles } from "./uploads.js";
 
 const FRAMES = [
@@ -57,12 +58,8 @@ export function showAdd(main, signal) {
       else if (chosen.length) put(chosen, index);
     }),
   );
-  const lamps = h(
-    "select",
-    { onchange: () => ((mine.lamps = lamps.value), changed()) },
-    ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
-  );
-  const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
+  const lamps = lampCount(mine.lamps, () => ((mine.lamps = lamps.value), changed()));
+  const options = () => lightsOf(lamps);
   const pair = h("fieldset", { className: "zones" }, ...zones.map((one) => one.element));
   const choices = h("fieldset", { className: "row" }, h("label", {}, "Lamps ", lamps), swap);
   const occupy = (sending) => {

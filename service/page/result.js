@@ -8,6 +8,7 @@ import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
 import { knownForm } from "./known.js";
 import { mixer } from "./mixer.js";
+import { otherwiseForm } from "./otherwise.js";
 import { Views } from "./views.js";
 import { warningsOf } from "./warnings.js";
 
@@ -49,13 +50,17 @@ export async function showResult(main, job, signal, again) {
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
   if (has("normals.png")) views.addNormals(manifest.options.normals);
   views.start();
+  const otherwise = otherwiseForm(job, signal);
   const show = {
     filled: light && ((on) => (views.choose("mix"), light.mark(on))),
     unexplained: has("residual.png") && (() => views.choose("residual.png")),
     lamps: has("gamma.png") && (() => views.choose("gamma.png")),
+    number: otherwise.askNumber,
+    ratio: otherwise.askRatio,
   };
   desk.append(
     ...warningsOf(manifest.warnings, show),
+    otherwise.element,
     ...(light ? [knownForm(job, manifest, light, () => views.choose("mix"), signal)] : []),
     ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest, signal)] : []),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job, signal)),

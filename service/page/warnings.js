@@ -5,9 +5,12 @@ import { h, toggle } from "./dom.js";
 const FILLED = ["flash_too_weak", "clipped"]; // where layers were filled in
 const UNEXPLAINED = ["reflections", "unexplained", "four_or_more", "moved", "not_aligned", "light_changed", "flicker"]; // residual.png shows them
 const LAMPS = ["lamps_alike", "lamps_ambiguous", "no_pure_light", "number_uncertain", "flash_like_lamps"]; // the diagram shows them
+const NUMBER = ["number_uncertain", "unexplained", "lamps_alike"]; // another number of lamps may be asked for
+const RATIO = ["exposure_assumed", "exposure_estimated", "exposure_mismatch", "flash_like_lamps"]; // another ratio may be given
 
 /** Elements; show: functions that show what was filled in (on or off), what is unexplained and the
- * diagram of the lamps, where there are such pictures.
+ * diagram of the lamps, where there are such pictures, and where their number and the exposure
+ * ratio are told.
  */
 export function warningsOf(warnings, show) {
   if (!warnings.length) return [];
@@ -26,6 +29,8 @@ export function warningsOf(warnings, show) {
     const look = (text, onclick) => h("button", { type: "button", className: "toggle", textContent: text, "aria-label": `${text}: ${message}`, onclick });
     if (UNEXPLAINED.includes(code) && show.unexplained) row.append(look("Show where", show.unexplained));
     if (LAMPS.includes(code) && show.lamps) row.append(look("Show the lamps", show.lamps));
+    if (NUMBER.includes(code) && show.number) row.append(look("Change the number", show.number));
+    if (RATIO.includes(code) && show.ratio) row.append(look("Change the ratio", show.ratio));
     const numbers = Object.entries(figures).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`);
     row.append(h("small", { textContent: [code, ...numbers].join(" · ") }));
     item.append(row);

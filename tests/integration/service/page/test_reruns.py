@@ -135,3 +135,70 @@ def test_lamps_are_given_directions_for_normals(
     assert "normals.png" in job["options"]["outputs"]
     assert job["options"]["lights"] == 2
     service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()  # unless it has ended
+
+
+def test_another_number_and_another_ratio_are_asked_for_where_warnings_say_so(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    manifest = service.http.get(f"/jobs/{done['id']}/results").json()
+    codes = ["number_uncertain", "exposure_mismatch", "rendered_srgb"]
+    warnings = [{"code": code, "message": f"Told: {code}.", "figures": {}} for code in codes]
+    path = f"**/jobs/{done['id']}/results"
+    page.route(path, lambda route: route.fulfill(json={**manifest, "warnings": warnings}))
+    open_mixer(page, done)
+    lamps = page.get_by_role("combobox", name="Lamps")
+    ratio = page.get_by_role("spinbutton", name="Exposure ratio")
+    expect(lamps).to_be_hidden()
+    page.get_by_role("button", name="Change the number: Told: number_uncertain.").click()
+    expect(lamps).to_be_focused()
+    expect(lamps).to_have_value("2")  # as the job was asked for
+    lamps.select_option("1")
+    page.get_by_role("button", name="Change the ratio: Told: exposure_mismatch.").click()
+    expect(ratio).to_be_focused()
+    expect(ratio).to_have_value("")
+    ratio.fill("0.998")
+    expect(page.get_by_role("button", name="Change the")).to_have_count(2)
+    check_access(page, "otherwise")
+    page.get_by_role("button", name="Separate with these").click()
+    page.wait_for_url(lambda url: done["id"] not in url)
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+    assert job["options"] == {**done["options"], "lights": 1, "exposure_ratio": 0.998}
+    assert job["inputs"] == done["inputs"]
+
+
+def test_a_separation_that_failed_is_asked_for_otherwise(page: Page, done: dict[str, Any]) -> None:
+    """What was asked for may be taken back; what is refused is told there."""
+    error = {"type": "urn:lightlayers:problem:invalid-option", "title": "No", "status": 422}
+    error |= {"detail": "The ratio is wrong.", "retryable": False, "trace_id": ""}
+    options = {"lights": 3, "exposure_ratio": 4.5, "quality": "fast"}
+    failed = {**done, "state": "failed", "error": error, "files": [], "options": options}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=failed))
+    page.route("**/rerun", lambda route: route.fulfill(status=422, json=error))
+    page.goto(f"/#/jobs/{done['id']}")
+    page.get_by_text("Number of lamps, exposure ratio").click()
+    expect(page.get_by_role("combobox", name="Lamps")).to_have_value("3")
+    ratio = page.get_by_role("spinbutton", name="Exposure ratio")
+    expect(ratio).to_have_value("4.5")
+    ratio.fill("-1")  # which the form itself refuses
+    page.get_by_role("button", name="Separate with these").click()
+    assert ratio.evaluate("(field) => field.validity.rangeUnderflow")
+    page.get_by_role("combobox", name="Lamps").select_option("Find out")
+    ratio.fill("")
+    with page.expect_request("**/rerun") as sent:
+        page.get_by_role("button", name="Separate with these").click()
+    assert sent.value.post_data_json == {"options": {"quality": "fast"}}
+    expect(page.get_by_role("alert").last).to_contain_text("The ratio is wrong.")
+
+
+@pytest.mark.parametrize(
+    "changed", [{"options": {"kind": "flash"}}, {"inputs": None}, {"state": "expired"}]
+)
+def test_what_is_no_pair_to_be_separated_is_not_asked_for_otherwise(
+    page: Page, done: dict[str, Any], changed: dict[str, Any]
+) -> None:
+    failed = {**done, "state": "failed", "files": [], **changed}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=failed))
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.get_by_role("button", name="Delete")).to_be_visible()
+    expect(page.get_by_text("Number of lamps, exposure ratio")).to_have_count(0)
