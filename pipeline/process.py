@@ -87,7 +87,8 @@ def separate_files(
         model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
     lamps = estimate.lamps
-    warnings += [*pair.warnings, *camera_warnings(before, model.camera, named)]
+    flattened = pair.tone_curve is not None
+    warnings += [*pair.warnings, *camera_warnings(before, model.camera, named, flattened)]
     if named:
         warnings += camera_doubts(reduced, len(lamps), model.camera, before, build)
     warnings += estimate.warnings

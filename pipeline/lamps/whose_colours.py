@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,13 @@ _NOT_ITS_VALUES = (
     " The camera named describes the values of its sensor, which these are not: leave it out."
 )
 """What a warning of files that hold no sensor's values goes on with where a camera was named."""
+
+
+_WITHOUT_CONTRAST = (
+    " A contrast that the camera put on them was found and taken off, so that layers and pictures "
+    "are flatter than the files."
+)
+"""How it goes on where the pair told the camera's curve."""
 
 
 def undeclared(frame: Frame) -> bool:
@@ -88,13 +95,15 @@ def likely_camera(
     return fits.much_likelier(values, [(srgb_stand_in(), _SRGB_LIKELIER)]) or values
 
 
-def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarning]:
+def camera_warnings(frame: Frame, camera: Camera, named: bool, flattened: bool) -> list[RunWarning]:
     """Warn of a camera that is a guess, and of one that was named for what no sensor gives.
 
-    frame: one of the files. camera: what was taken. named: whether the user named it.
+    frame: one of the files. camera: what was taken. named: whether the user named it. flattened:
+    whether a contrast of the camera's was taken off the pair.
     """
     if frame.in_colour_space:
-        return [no_sensors_values(frame, named, "the separation")]
+        one = no_sensors_values(frame, named, "the separation")
+        return [replace(one, message=one.message + _WITHOUT_CONTRAST) if flattened else one]
     if not camera.approximate:
         return []
     taken = f"{camera.name} explains the pair best and was taken"

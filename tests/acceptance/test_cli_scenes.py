@@ -167,6 +167,8 @@ def test_a_cameras_contrast_is_taken_off_a_jpeg_pair(
     plain = linear_to_srgb(np.array(curve["light"]))
     seen = np.array(curve["codes"])
     np.testing.assert_allclose(plain - 0.05 * np.sin(2 * np.pi * plain), seen, atol=0.04)
+    (told,) = (w for w in results.manifest["warnings"] if w["code"] == "rendered_srgb")
+    assert told["message"].endswith("so that layers and pictures are flatter than the files.")
     assert np.mean(results.layer_snr_db(in_colours_of(results, found.truth))) > 19.5
 
 

@@ -10,7 +10,12 @@ from pipeline.arrays import Floats64
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
-from pipeline.lamps.whose_colours import camera_doubts, likely_camera, names_no_camera
+from pipeline.lamps.whose_colours import (
+    camera_doubts,
+    camera_warnings,
+    likely_camera,
+    names_no_camera,
+)
 from pipeline.light.model import Model, build_model
 from pipeline.matrixfit.fit import Fit, FitInput, first_fit
 from pipeline.pair.pair import Pair
@@ -440,3 +445,16 @@ def test_linear_files_that_say_their_colours_are_not_asked(
 
     assert names_no_camera(find_camera(None, photograph), photograph) is False
     assert camera_doubts(dark, 2, named, photograph, build) == []
+
+
+@pytest.mark.parametrize("flattened", [True, False])
+def test_a_contrast_that_was_taken_off_is_told(
+    frame: Callable[..., Frame], flattened: bool
+) -> None:
+    """Else people would miss it in their pictures."""
+    photograph = frame(np.zeros((2, 2, 3)), encoding="srgb")
+
+    (warning,) = camera_warnings(photograph, srgb_stand_in(), False, flattened)
+
+    assert warning.code is Code.RENDERED_SRGB
+    assert ("flatter than the files" in warning.message) is flattened
