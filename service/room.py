@@ -53,7 +53,7 @@ def larger_than_disk(settings: Settings, size: int) -> str:
     """Say that a disk of so many bytes never has as much free as is to be left free."""
     return (
         f"LIGHTLAYERS_FREE_BYTES is {settings.free_bytes}, and the store's disk has {size} in all, "
-        "so that every job would be refused: write less, or leave the variable out."
+        "so that every job would be refused: set less, or put the store on a larger disk."
     )
 
 

@@ -125,7 +125,7 @@ def test_a_service_that_would_refuse_every_job_does_not_start(
         serve(Settings(data_dir=tmp_path, port=0, free_bytes=10**9 + 1), worker=False)
     assert str(caught.value) == (
         "LIGHTLAYERS_FREE_BYTES is 1000000001, and the store's disk has 1000000000 in all, so that "
-        "every job would be refused: write less, or leave the variable out."
+        "every job would be refused: set less, or put the store on a larger disk."
     )
 
 
