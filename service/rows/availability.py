@@ -13,9 +13,11 @@ from service.rows.states import State
 def check_succeeded(job: jobs.Job) -> None:
     """Refuse a job without results. Raises GoneError, NotReadyError, EndedError."""
     if job.state == State.EXPIRED:
-        raise GoneError("The results of the job are removed; run it again.")
-    if job.ended and job.state != State.SUCCEEDED:
-        raise EndedError(f"The job is {job.state}; there will be no results, so run it again.")
+        raise GoneError("The job's results and photographs are removed; send the pair again.")
+    if job.state == State.FAILED:
+        raise EndedError("The job is failed; its `error` says why, and there will be no results.")
+    if job.state == State.CANCELED:
+        raise EndedError("The job is canceled; there will be no results, so run it again.")
     if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
 

@@ -127,7 +127,8 @@ def test_jobs_without_layers_are_refused(
     with context.engine.begin() as connection:
         expiry.condemn(connection, early)
     expired = http.post(f"/jobs/{early}/mix", json=TWO)
-    assert problem_of(expired) == (410, "gone", "The results of the job are removed; run it again.")
+    detail = "The job's results and photographs are removed; send the pair again."
+    assert problem_of(expired) == (410, "gone", detail)
     bare = http.post(f"/jobs/{separated({'manifest.json': b'{}'})}/mix", json=TWO)
     assert "no layers.exr" in problem_of(bare)[2]
     old = http.post(f"/jobs/{separated({**FILES, 'manifest.json': b'{}'})}/mix", json=TWO)

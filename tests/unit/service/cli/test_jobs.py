@@ -353,7 +353,10 @@ def test_a_mix_of_what_cannot_be_mixed_is_not_made_anew(
     assert "The job is queued; results are there once it is succeeded." in capsys.readouterr().err
     _fail(context)
     assert run(["jobs", "retry", "m"]) == 2
-    assert "The job is failed; there will be no results" in capsys.readouterr().err
+    assert (
+        "The job is failed; its `error` says why, and there will be no results"
+        in capsys.readouterr().err
+    )
     with context.engine.begin() as connection:
         connection.execute(sa.delete(tables.jobs).where(tables.jobs.c.id == "a"))
     assert run(["jobs", "retry", "m"]) == 2

@@ -10,7 +10,7 @@ from service.storage.base import Storage
 from tests.unit.service.job_rows import added
 
 HELD_ON = "results are there once it is succeeded."
-OVER = "there will be no results, so run it again."
+OVER = "there will be no results"
 
 
 def test_a_job_that_has_succeeded_has_results(engine: sa.Engine) -> None:
@@ -24,9 +24,13 @@ def test_a_job_that_has_succeeded_has_results(engine: sa.Engine) -> None:
         ("running", NotReadyError, f"The job is running; {HELD_ON}"),
         ("waiting_for_operator", NotReadyError, f"The job is waiting_for_operator; {HELD_ON}"),
         ("canceling", NotReadyError, f"The job is canceling; {HELD_ON}"),
-        ("failed", EndedError, f"The job is failed; {OVER}"),
-        ("canceled", EndedError, f"The job is canceled; {OVER}"),
-        ("expired", GoneError, "The results of the job are removed; run it again."),
+        ("failed", EndedError, f"The job is failed; its `error` says why, and {OVER}."),
+        ("canceled", EndedError, f"The job is canceled; {OVER}, so run it again."),
+        (
+            "expired",
+            GoneError,
+            "The job's results and photographs are removed; send the pair again.",
+        ),
     ],
 )
 def test_a_job_without_results_is_refused_for_what_it_is_at(
