@@ -20,6 +20,7 @@ from service.api import (
     headers,
     health,
     jobs,
+    manifest_schema,
     mixes,
     page,
     problems,
@@ -98,6 +99,7 @@ def _completed(document: dict[str, Any]) -> dict[str, Any]:
         schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs", {})
         schemas[model.__name__] = schema
+    schemas |= manifest_schema.SCHEMAS
     allow_calibrations(schemas)
     callers.describe(document["paths"])
     tus.describe(document["paths"])

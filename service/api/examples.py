@@ -173,7 +173,13 @@ _ANSWERS: dict[str, Any] = {
     "/cameras/events": f"data: {json.dumps([_CAMERA])}\n\n",
     "/cameras/{camera_id}/settings": _CAMERA_SETTINGS,
     "/jobs/{job_id}/events": f'id: 7\ndata: {{"id": "{_ID}", "state": "running"}}\n\n',
-    "/jobs/{job_id}/results": {"warnings": [_WARNING]},
+    "/jobs/{job_id}/results": {
+        "exposure_ratio": 1.0,
+        "exposure_source": "exif",
+        "files": [{"name": "lamp1.jpg", "sha256": _SHA256}],
+        "warnings": [_WARNING],
+        "versions": {"lightlayers": "0.1.0"},
+    },
 }
 
 

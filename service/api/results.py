@@ -12,7 +12,6 @@ from fastapi.responses import RedirectResponse, Response, StreamingResponse
 from pydantic import WithJsonSchema
 
 from pipeline.result_names import MANIFEST
-from pipeline.run_warnings import Code
 from service.api.callers import Calling
 from service.api.context import Context, Parts
 from service.api.find_results import find_result, find_succeeded
@@ -32,35 +31,6 @@ LINK_SECONDS = 300
 """How long a URL of the store is good for."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
-_MANIFEST_SCHEMA = {
-    "type": "object",
-    "required": ["warnings"],
-    "properties": {
-        "warnings": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "required": ["code", "message", "figures"],
-                "properties": {
-                    "code": {
-                        "type": "string",
-                        "enum": [code.value for code in Code],
-                        "description": "Stays the same from version to version.",
-                    },
-                    "message": {
-                        "type": "string",
-                        "description": "What, where and what to do, for people.",
-                    },
-                    "figures": {
-                        "type": "object",
-                        "additionalProperties": {"type": "number"},
-                        "description": "What the message is based on; shares are 0 to 1.",
-                    },
-                },
-            },
-        }
-    },
-}
 
 
 @router.head("/jobs/{job_id}/results", include_in_schema=False)
@@ -69,8 +39,8 @@ _MANIFEST_SCHEMA = {
     response_class=Response,
     responses={
         200: {
-            "description": "The manifest; of a separation docs/results.md has all fields.",
-            "content": {"application/json": {"schema": _MANIFEST_SCHEMA}},
+            "description": "The manifest; docs/results.md says what each field means.",
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Manifest"}}},
         },
         **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
