@@ -183,6 +183,10 @@ KnownLamp = Annotated[
 """A lamp by the light of an area, which is its alone, or by its spectrum."""
 
 
+MOST_EXPOSURE_RATIO = 1000.0
+"""Exposures that differ more, one way or the other, are taken for a mistake."""
+
+
 class PairOptions(Strict):
     """How the two photographs are read and laid together."""
 
@@ -197,7 +201,8 @@ class PairOptions(Strict):
     )
     exposure_ratio: float | None = Field(
         default=None,
-        gt=0,
+        ge=1 / MOST_EXPOSURE_RATIO,
+        le=MOST_EXPOSURE_RATIO,
         description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else as the "
         "pair shows it, else 1.",
     )

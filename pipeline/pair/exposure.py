@@ -8,12 +8,11 @@ import numpy as np
 
 from pipeline.errors import OptionError
 from pipeline.images.frames import Frame
-from pipeline.options import PairOptions
+from pipeline.options import MOST_EXPOSURE_RATIO, PairOptions
 from pipeline.pair.find_exposure_ratio import find_exposure_ratio
 from pipeline.pair.ratios import Ratios, brightening, darker_share, ratio_without_flash
 from pipeline.run_warnings import Code, RunWarning
 
-_MAX_PLAUSIBLE = 1000.0
 _AGREES = 0.06  # natural logarithm; inter-reflected flash light alone makes 0.02
 _AGREES_RENDERED = 0.35  # a camera's curves differ
 _ADVICE = (
@@ -35,18 +34,13 @@ class ExposureRatio:
 
 
 def written_ratio(no_flash: Frame, flash: Frame, options: PairOptions) -> ExposureRatio:
-    """Take the ratio that was given, else the files', else 1. Raises OptionError if absurd."""
+    """Take the ratio that was given, else the files', else 1; an absurd one raises OptionError."""
     if options.exposure_ratio is not None:
-        if not _plausible(options.exposure_ratio):
-            raise OptionError(
-                f"An exposure ratio of {options.exposure_ratio:.3g} cannot be: pass the flash "
-                "frame's exposure divided by the other's."
-            )
         return ExposureRatio(options.exposure_ratio, "option")
     ratio = flash.exposure.times(no_flash.exposure)
     if ratio is None:
         return ExposureRatio(1.0, "assumed")
-    if not _plausible(ratio):
+    if not 1 / MOST_EXPOSURE_RATIO <= ratio <= MOST_EXPOSURE_RATIO:
         raise OptionError(
             f"The exposures in the files differ {ratio:.3g} times: pass the right ratio with "
             "exposure_ratio."
@@ -148,7 +142,3 @@ def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:
         f", though {share:.0%} of the picture is then darker with the flash than without and the "
         f"ratio can be {ratio.value / brightening(ratios):.3g} at most"
     )
-
-
-def _plausible(ratio: float) -> bool:
-    return 1 / _MAX_PLAUSIBLE < ratio < _MAX_PLAUSIBLE

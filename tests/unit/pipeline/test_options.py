@@ -69,6 +69,8 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
         ({"encoding": "gamma"}, "encoding"),
         ({"exposure_ratio": 0}, "exposure_ratio"),
         ({"exposure_ratio": -1}, "exposure_ratio"),
+        ({"exposure_ratio": 9.99e-4}, "greater than or equal to 0.001"),
+        ({"exposure_ratio": 1001}, "less than or equal to 1000"),
         ({"exposure_ratio": float("nan")}, "exposure_ratio"),
         ({"exposure_ratio": float("inf")}, "exposure_ratio"),
         ({"focal_px": 0}, "focal_px"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from pipeline.errors import OptionError
 from pipeline.images.frames import Exposure, Frame
@@ -79,8 +80,8 @@ def test_exposures_may_differ_a_thousand_times(
         if refused:
             with pytest.raises(OptionError, match=r"^The exposures in the files differ"):
                 written_ratio(once, other, Options())
-            with pytest.raises(OptionError, match=r"^An exposure ratio of .* cannot be: pass the"):
-                written_ratio(unknown, unknown, Options(exposure_ratio=times))
+            with pytest.raises(ValidationError, match="exposure_ratio"):
+                Options(exposure_ratio=times)
         else:
             assert written_ratio(once, other, Options()).value == pytest.approx(times)
             given = written_ratio(unknown, unknown, Options(exposure_ratio=times))
