@@ -19,7 +19,7 @@ export function lightsOf(select) {
 
 /** A form for a separation of a job's pair with its other options as they were, and functions that show one of its fields.
  *
- * signal: ends with the view.
+ * askRatio(value): fills in a ratio, where one is given. signal: ends with the view.
  */
 export function otherwiseForm(job, signal) {
   const { lights = "auto", exposure_ratio = null, ...others } = job.options;
@@ -44,9 +44,10 @@ export function otherwiseForm(job, signal) {
     h("form", { onsubmit: submit }, h("label", {}, "Lamps ", lamps), h("label", {}, "Exposure ratio ", ratio), h("button", { textContent: "Separate with these" })),
     problems,
   );
-  const open = (field) => () => {
+  const open = (field, value = field.value) => {
     element.open = true;
+    field.value = value;
     field.focus();
   };
-  return { element, askNumber: open(lamps), askRatio: open(ratio) };
+  return { element, askNumber: () => open(lamps), askRatio: (value) => open(ratio, value) };
 }

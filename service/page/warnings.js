@@ -10,7 +10,7 @@ const RATIO = ["exposure_assumed", "exposure_estimated", "exposure_mismatch", "f
 
 /** Elements; show: functions that show what was filled in (on or off), what is unexplained and the
  * diagram of the lamps, where there are such pictures, and where their number and the exposure
- * ratio are told.
+ * ratio are told, which may be filled in.
  */
 export function warningsOf(warnings, show) {
   if (!warnings.length) return [];
@@ -30,7 +30,7 @@ export function warningsOf(warnings, show) {
     if (UNEXPLAINED.includes(code) && show.unexplained) row.append(look("Show where", show.unexplained));
     if (LAMPS.includes(code) && show.lamps) row.append(look("Show the lamps", show.lamps));
     if (NUMBER.includes(code) && show.number) row.append(look("Change the number", show.number));
-    if (RATIO.includes(code) && show.ratio) row.append(look("Change the ratio", show.ratio));
+    if (RATIO.includes(code) && show.ratio) row.append(look("Change the ratio", () => show.ratio(figures.ratio_shown ?? figures.ratio_by_baseline)));
     const numbers = Object.entries(figures).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`);
     row.append(h("small", { textContent: [code, ...numbers].join(" · ") }));
     item.append(row);
