@@ -21,7 +21,7 @@ _KIND_OF_LAMP = re.compile(r"(?<=_lamps\.)(\d+)\.(area|table|name)\b")
 """What pydantic adds to a known lamp, which may be of several kinds."""
 
 _MEMBER = re.compile(r"\b(lamp|pinned_lamp|forbidden_lamp|light_direction)s\.(\d{1,9})(\.|$)")
-_NUMBER = re.compile(r"\b(direction|rgb)\.(\d{1,9})$")
+_NUMBER = re.compile(r"\b(direction|rgb|chart)\.(\d{1,9})$")
 """Places in lists that people count, from 1 on."""
 
 _LONGEST_NAME = 80

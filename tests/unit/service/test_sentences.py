@@ -57,6 +57,7 @@ def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expe
             {"kind": "flash", "chart": [[1, 2]] * 5},
             "flash.chart: List should have at most 4 items, not 5.",
         ),
+        ({"kind": "camera", "chart": [[1, 2]]}, "camera.chart, number 2: Field required."),
     ],
 )
 def test_a_fault_of_a_calibration_is_one_sentence(options: object, expected: str) -> None:
