@@ -153,12 +153,12 @@ class _Problem:
         missed = lamp_errors * self._deviation
         flash_missed = self._flash - self._flash_light(self._pixels.view(outline), flash)
         spread = np.linalg.pinv(end.jac.T @ end.jac) * max(2 * end.cost / len(end.fun), 1e-12)
-        across = np.diag(spread)[_COMMON:].reshape(-1, 2).sum(axis=1)
+        variances = _turned_variances(frames, steps, spread[_COMMON:, _COMMON:])
         with np.errstate(divide="ignore", invalid="ignore"):  # no light has no relative misfit
             return SphereFit(
                 directions=towards,
                 colours=colours,
-                deviations_deg=np.degrees(np.sqrt(across)),
+                deviations_deg=np.degrees(np.sqrt(variances)),
                 moved=outline,
                 flash_aside_deg=float(np.degrees(np.arctan(np.hypot(*flash[:2])))),
                 cost=float(end.cost / lamp_errors.size),
@@ -241,6 +241,21 @@ def _turned(frames: Floats64, steps: Floats64) -> Floats64:
     """Directions (N, 3) of frames (N, 3, 3) after steps (2N,) across them."""
     across = np.einsum("jk,jkc->jc", steps.reshape(-1, 2), frames[:, 1:])
     return unit(frames[:, 0] + across)
+
+
+def _turned_variances(frames: Floats64, steps: Floats64, spread: Floats64) -> Floats64:
+    """Variances (N,), in radians squared, of `_turned` by that (2N, 2N) of the steps.
+
+    A step far from where it began turns a direction by less than its length.
+    """
+    variances = []
+    for at, (frame, step) in enumerate(zip(frames, steps.reshape(-1, 2), strict=True)):
+        reached = frame[0] + step @ frame[1:]
+        length = np.linalg.norm(reached)
+        across = frame[1:] - np.outer(frame[1:] @ reached, reached) / length**2
+        own = spread[2 * at : 2 * at + 2, 2 * at : 2 * at + 2]
+        variances.append(np.trace(across.T @ own @ across) / length**2)
+    return np.array(variances)
 
 
 def _frame(direction: Floats64) -> Floats64:

@@ -169,6 +169,20 @@ def test_what_is_told_of_errors_is_what_repeated_photographs_show() -> None:
     assert np.mean([fit.cost for fit in fits]) == pytest.approx(0.41, abs=0.06)
 
 
+@pytest.mark.parametrize("off_deg", [0.0, 60.0, 85.0])
+def test_how_sure_a_lamp_is_does_not_hang_on_where_it_was_looked_for_first(
+    monkeypatch: pytest.MonkeyPatch, off_deg: float
+) -> None:
+    """Of lamps found from 85° off every one was refused as not told from the others."""
+    off = np.radians(off_deg)
+    aside = unit(np.cross(LAMPS[1], [0.0, 1.0, 0.0]))
+    start = np.cos(off) * LAMPS[1] + np.sin(off) * aside
+    monkeypatch.setattr(module, "_starts", lambda *_: [start[None]])
+    found = fit_lamps(seen(LAMPS[1:2], COLOURS[1:2], NEAR, noise=0.05), 1)
+    assert errors(found, LAMPS[1:2])[0] < 0.5
+    assert found.deviations_deg == pytest.approx(0.16, rel=0.2)
+
+
 def test_noise_of_the_flash_is_in_what_is_told_of_it_and_of_the_lamps() -> None:
     """Of 0.05 in each channel, of which the sum of three has 0.05·√(0.8² + 1² + 0.6²)/2.4."""
     lamp, colour = LAMPS[1:2], COLOURS[1:2]
