@@ -12,6 +12,7 @@ from pipeline.calibration.found import Found, said_of_marks
 from pipeline.calibration.options import FlashCalibration
 from pipeline.calibration.patches import Patches
 from pipeline.colour.temperature import cct_duv
+from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
 from pipeline.lamps.whose_colours import names_no_camera, no_sensors_values, undeclared
 from pipeline.options import Spectrum
@@ -24,6 +25,10 @@ from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
 
 _GREY_CARD = 0.18  # reflectance
+_TAKEN_FOR_SRGB = (
+    "The files do not tell whose colours they hold, and were taken for linear sRGB: name their "
+    "camera with --camera."
+)
 
 
 def calibrate_flash(pair: Pair, frame: Frame, options: FlashCalibration) -> Found:
@@ -43,7 +48,12 @@ def calibrate_flash(pair: Pair, frame: Frame, options: FlashCalibration) -> Foun
     else:
         assert card is not None
         patches = read_card(pair, card)
-    flash = estimate_flash(patches, camera.sensitivities)
+    try:
+        flash = estimate_flash(patches, camera.sensitivities)
+    except UnusablePairError as error:
+        if options.camera is not None or not names_no_camera(camera, frame):
+            raise
+        raise UnusablePairError(f"{error} {_TAKEN_FOR_SRGB}") from error
     warnings += flash_doubts(flash, patches, camera, frame)
     white = cct_duv(cie_1931() @ flash.spectrum)
     table = Spectrum(
@@ -85,10 +95,7 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarni
         "spectrum of the flash"
     )
     if names_no_camera(camera, frame):
-        message += (
-            ": the files do not tell whose colours they hold, and were taken for linear sRGB. Name "
-            "their camera with --camera."
-        )
+        message += f". {_TAKEN_FOR_SRGB}"
     else:
         message += ": name a measured camera or send its table for exact work."
     return [RunWarning(Code.CAMERA_APPROXIMATE, message)]

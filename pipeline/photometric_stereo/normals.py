@@ -71,7 +71,8 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     message = (
         "Lamps in the directions given do not explain the light, so that normals and depth are "
         f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
-        "camera."
+        "camera. If they are right, one thing before another may be why, or a shiny one: "
+        "photograph things one at a time, before a far and dark ground."
     )
     figures = {"left_over": surface.misfit, "unexplained": surface.unexplained}
     return (RunWarning(Code.NORMALS_DOUBTFUL, message, figures),)

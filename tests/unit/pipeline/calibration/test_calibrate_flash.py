@@ -123,7 +123,22 @@ def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: P
     assert manifest["found"]["camera"] == {"name": "sRGB", "source": "stand-in"}
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
-    assert "were taken for linear sRGB. Name their camera with --camera." in warning["message"]
+    assert "were taken for linear sRGB: name their camera with --camera." in warning["message"]
+
+
+@pytest.mark.parametrize("camera", [None, "Nikon D5100"])
+def test_a_chart_refused_for_want_of_a_camera_says_so(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str | None
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise UnusablePairError("No flash explains it.")
+
+    monkeypatch.setattr(calibrate_flash, "estimate_flash", refuse)
+    with pytest.raises(UnusablePairError) as refused:
+        run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12}, camera=camera)
+    wanted = " The files do not tell whose colours they hold, and were taken for linear sRGB: name "
+    wanted = "" if camera else f"{wanted}their camera with --camera."
+    assert str(refused.value) == f"No flash explains it.{wanted}"
 
 
 def test_a_camera_of_a_matrix_may_tell_the_flash(

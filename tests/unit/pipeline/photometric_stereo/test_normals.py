@@ -74,6 +74,7 @@ def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) 
 
     assert len(warned) == 1
     assert "do not explain the light" in warned[0].message
+    assert "photograph things one at a time" in warned[0].message
     assert found("paper")[0].warnings == ()
 
 
