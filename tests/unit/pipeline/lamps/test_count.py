@@ -134,6 +134,27 @@ def test_no_fourth_lamp_is_told_where_edges_tell_nothing(
     assert not signs_of_fourth(given, model.lamp_matrix(warm_to_cool))
 
 
+@pytest.mark.parametrize(("differences", "number"), [(600, 3), (60, 2)])
+def test_few_differences_say_little_of_a_third_lamp(
+    fit_input: Callable[..., FitInput],
+    shadowed: Shadowed,
+    warm_to_cool: Floats64,
+    monkeypatch: pytest.MonkeyPatch,
+    differences: int,
+    number: int,
+) -> None:
+    """All of them show neither of two lamps."""
+    monkeypatch.setattr(count, "share_of_third", lambda *_: 1.0)
+    given = fit_input(shadowed(warm_to_cool[[0, 2]]))
+    fits = {lamps: fit_matrices(given, lamps) for lamps in (1, 2, 3)}
+    found = given.evidence.differences
+    again = np.arange(differences) % len(found)
+    found = replace(found, **{key: value[again] for key, value in vars(found).items()})
+    given = replace(given, evidence=replace(given.evidence, differences=found))
+
+    assert count_lamps(given, fits.__getitem__, fits.__getitem__).number == number
+
+
 def test_nearly_equal_lamps_count_as_one_and_less_surely(
     counted: Callable[[Any], Count], shadowed: Shadowed, warm_to_cool: Floats64
 ) -> None:
