@@ -10,6 +10,7 @@ from pipeline.pair.reduced import ReducedPair, variance_left
 
 _AS_MUCH = 0.8  # of what a second lamp explains
 _LITTLE = 2e-4  # of the light, squared: what one lamp and gloss may leave over
+_NOTHING = 2e-5  # the same: what they may leave more than a second lamp that leaves nothing
 _MOST = 0.0025  # of a pixel's light, squared: what is further off tells of neither
 
 
@@ -39,8 +40,11 @@ def is_gloss(reduced: ReducedPair, one: Floats64, two: Floats64, flash_white: Fl
     )
     worth = np.linalg.norm(light, axis=1)
     worth = worth / worth.sum()
-    explained = worth @ (alone - with_gloss) >= _AS_MUCH * (worth @ (alone - with_second))
-    return bool(explained and worth @ with_gloss < _LITTLE)
+    by_none, by_gloss, by_second = (worth @ one for one in (alone, with_gloss, with_second))
+    explained = by_none - by_gloss >= _AS_MUCH * (by_none - by_second)
+    # of the light of a second lamp gloss may explain most, and leaves many times what that leaves
+    as_little = by_gloss - by_second < max(by_second, _NOTHING)
+    return bool(explained and as_little and by_gloss < _LITTLE)
 
 
 def _left_over(light: Floats32, colours: Floats32, noise: Floats64) -> Floats64:

@@ -76,6 +76,34 @@ def test_light_of_two_lamps_is_none(
         assert not is_gloss(reduced, one, lamps, model.flash_white)
 
 
+@pytest.mark.parametrize(("aside", "gloss"), [(0.002, True), (0.009, False)])
+def test_gloss_leaves_no_more_than_a_second_lamp(
+    pair_of: Callable[..., Any],
+    flash_part: Floats64,
+    lamps: Floats64,
+    model: Model,
+    aside: float,
+    gloss: bool,
+) -> None:
+    """On one surface a second lamp gives nearly what the first would by gloss, and some aside.
+
+    aside: its part of the light there. Gloss explains more than nine tenths of the second lamp.
+    """
+    surface = np.array([0.5, 0.3, 0.1])
+    flash = np.broadcast_to(surface, flash_part.shape)
+    matt, mirrored = lamps[0] @ surface, lamps[0] @ model.flash_white
+    normal = np.cross(matt, mirrored)
+    normal *= np.linalg.norm(matt) / np.linalg.norm(normal)
+    given = 0.2 * np.linalg.norm(matt) / np.linalg.norm(mirrored) * mirrored + aside * normal
+    second = np.outer(given, surface) / (surface @ surface)
+    half = np.arange(flash.shape[1])[None, :, None] < flash.shape[1] // 2
+    pair = pair_of(np.where(half, matt, matt + given), flash)
+
+    found = is_gloss(reduce_pair(pair), lamps[:1], np.stack([lamps[0], second]), model.flash_white)
+
+    assert found is gloss
+
+
 def test_what_gloss_leaves_over_is_no_gloss(seen: Seen, lamps: Floats64, model: Model) -> None:
     """Two lamps neither of which is there explain nothing better."""
     reduced = seen(lamps, 0.0)
