@@ -28,8 +28,8 @@ _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
 _BETTER_RENDERED = (
-    " Where the camera gives none, lock its white balance for both at flash or daylight, and choose "
-    "a rendering without HDR, added contrast and strong colours."
+    " Where the camera gives none, lock its white balance for both at flash or daylight, and "
+    "choose a rendering without HDR, added contrast and strong colours."
 )
 """How a warning of renderings goes on: what they lose most by (docs/trials/renderings.md)."""
 

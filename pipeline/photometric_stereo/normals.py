@@ -12,6 +12,7 @@ from pipeline.options import DirectedLight, Method
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.facing import Facing
+from pipeline.photometric_stereo.outline import turns_away
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.progress import Progress
@@ -19,6 +20,8 @@ from pipeline.run_warnings import Code, RunWarning
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
 _MUCH_UNEXPLAINED = 0.07  # of the pixels; development objects with right depth leave up to 0.058
+
+_INSIDE_OUT = -0.05  # of turns_away; things have .35 and more, walls 0, a mirrored egg −.17
 
 
 def find_facing(
@@ -67,7 +70,7 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     elif not (surface.strengths > 0).all():
         why = "one of them would have to take light away"
     else:
-        return ()
+        return _of_outline(surface)
     message = (
         "Lamps in the directions given do not explain the light, so that normals and depth are "
         f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
@@ -76,3 +79,15 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     )
     figures = {"left_over": surface.misfit, "unexplained": surface.unexplained}
     return (RunWarning(Code.NORMALS_DOUBTFUL, message, figures),)
+
+
+def _of_outline(surface: Surface) -> tuple[RunWarning, ...]:
+    turned = turns_away(surface.mask, surface.w)
+    if turned >= _INSIDE_OUT:
+        return ()
+    message = (
+        "Normals and depth are doubtful: at its outline the surface turns to its inside, as of "
+        "things seen inside out. Check that directions are x right, y up and z to the camera, and "
+        "which lamp is which. Hollow things, such as a bowl seen from above, are right so."
+    )
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, {"turned_away": turned}),)

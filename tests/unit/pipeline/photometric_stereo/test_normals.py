@@ -96,7 +96,8 @@ def test_lamps_alike_whose_colours_are_not_given_make_normals_doubtful(
         DirectedLight(direction=direction, rgb=tuple(colour) if index < told else None)
         for index, (direction, colour) in enumerate(zip(DIRECTIONS, warm_to_cool, strict=True))
     ]
-    surface = SimpleNamespace(misfit=0.0, unexplained=0.0, strengths=np.ones(3))
+    nowhere = {"mask": np.zeros((4, 4), np.bool_), "w": np.zeros((4, 4, 3))}
+    surface = SimpleNamespace(misfit=0.0, unexplained=0.0, strengths=np.ones(3), **nowhere)
     monkeypatch.setattr(normals, "solve_surface", lambda *_: surface)
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
@@ -156,3 +157,18 @@ def test_two_lamps_will_do_for_best_alone(found: Callable[..., Any]) -> None:
     assert np.isfinite(facing.normals_of(strip)).all(axis=2).mean() > 0.5
     with pytest.raises(OptionError, match="published normals need three light directions"):
         found("paper", 2)
+
+
+@pytest.mark.parametrize(("turned", "warned"), [(0.0, False), (-0.04, False), (-0.06, True)])
+def test_a_surface_inside_out_is_warned_of(
+    found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, turned: float, warned: bool
+) -> None:
+    surface = replace(found("best")[0].surface, misfit=0.0, unexplained=0.0, strengths=np.ones(3))
+    monkeypatch.setattr(normals, "turns_away", lambda *_: turned)
+
+    warnings = normals._warnings(surface)
+
+    assert [(one.code, one.figures) for one in warnings] == [
+        (Code.NORMALS_DOUBTFUL, {"turned_away": turned})
+    ] * warned
+    assert all("x right, y up and z to the camera" in one.message for one in warnings)
