@@ -33,7 +33,8 @@ def test_rendered_files_are_warned_of(files: Callable[..., Files], tmp_path: Pat
     (warning,) = (w for w in manifest["warnings"] if w["code"] == "rendered_srgb")
     assert warning["message"].endswith(
         "Send RAW or linear files for exact work. Where the camera gives none, lock its white "
-        "balance for both, and choose a rendering without HDR, added contrast and strong colours."
+        "balance for both at flash or daylight, and choose a rendering without HDR, added contrast "
+        "and strong colours."
     )
     assert manifest["camera"] == {"name": "sRGB", "source": "stand-in"}
 
