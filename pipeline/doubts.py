@@ -33,7 +33,7 @@ _MUCH_MARKED = 0.015  # the same
 _MUCH_IN_SHADOWS = 3.0  # times what lamps are mixed up by
 _SHARP = 250  # blocks along the longer side; in smaller pairs neighbours lie in a shadow's rim
 _MUCH_IMPOSSIBLE = 0.1  # of the light, root mean square: such layers have less than 20 dB
-_BLUE = 0.4  # red over blue of the flash's light in a rendering; in balanced ones .5 to 1.3
+_BLUE = 0.4  # red over blue of the flash's light in a rendering; in balanced ones .5 to 1.4
 _LAYERS_WITHOUT_LIGHT: dict[Method, str] = {
     "best": "are filled in from their surroundings",
     "paper": "are as published and cannot be relied on",

@@ -1,8 +1,8 @@
 // Where the lamps stand, told on balls that they light: another job finds the surface's normals.
 
-import { get, sender } from "./api.js";
+import { get } from "./api.js";
 import { h, single } from "./dom.js";
-import { goTo, tellProblem } from "./notes.js";
+import { rerun } from "./rerun.js";
 
 const FARTHEST = 0.95; // of the ball's radius: a lamp behind the surface lights nothing
 const FIRST = [[-0.5, 0.5], [0.5, 0.5], [0, 0.7]];
@@ -10,7 +10,6 @@ const FIRST = [[-0.5, 0.5], [0.5, 0.5], [0, 0.7]];
 /** A form for a separation with two or three lamps; signal: ends with the view. */
 export function normalsForm(job, manifest, signal) {
   const problems = h("div");
-  const send = sender();
   const places = manifest.lamps.map((_, index) => [...FIRST[index]]);
   const balls = h("div", { className: "balls" }, ...manifest.lamps.map((lamp, index) => ball(`Lamp ${index + 1}`, lamp.srgb, places[index])));
   const calibration = h("select", {}, h("option", { value: "", textContent: "As set on the balls" }));
@@ -24,14 +23,7 @@ export function normalsForm(job, manifest, signal) {
       return index < places.length - 1 ? { direction, rgb: manifest.lamps[index].rgb } : { direction };
     });
   };
-  const submit = single(async () => {
-    problems.replaceChildren();
-    try {
-      goTo(await send(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) }), signal);
-    } catch (error) {
-      tellProblem(error, problems, signal);
-    }
-  });
+  const submit = rerun(job, () => withNormals(job.options, told()), problems, signal);
   const element = h(
     "details",
     { className: "directions" },

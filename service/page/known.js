@@ -1,9 +1,8 @@
 // Lamps that are pinned or forbidden by places in the picture: another job takes them into account.
 
-import { sender } from "./api.js";
-import { alarm, choice, h, say, single } from "./dom.js";
+import { alarm, choice, h, say } from "./dom.js";
 import { keepKnown, keptKnown } from "./kept.js";
-import { goTo, tellProblem } from "./notes.js";
+import { rerun } from "./rerun.js";
 import { Spots, onTap } from "./spots.js";
 
 const RADIUS = 0.015; // of a new circle, as a share of the longer side
@@ -25,7 +24,6 @@ export function knownForm(job, manifest, light, look, signal) {
   const known = left ?? structuredClone(before);
   const problems = h("div");
   const list = h("ul");
-  const send = sender();
   const spots = new Spots(light, Math.floor(width / light.size[0])); // of a preview, squares that are not whole are left out
   let kind = KINDS[0][0];
 
@@ -58,15 +56,12 @@ export function knownForm(job, manifest, light, look, signal) {
     say(`${KINDS.find(([of]) => of === kind)[2]} ${known[kind].length} is marked at ${x}, ${y}.`);
   };
   const middle = h("button", { type: "button", textContent: "Mark the middle", "aria-label": "Mark the middle of the picture", onclick: () => (see(), mark(spots.at())) });
-  const submit = single(async () => {
-    problems.replaceChildren();
-    if (KINDS.every(([of]) => !known[of].length && !before[of].length)) return problems.append(alarm(NONE));
-    try {
-      goTo(await send(`/jobs/${job.id}/rerun`, { options: { ...job.options, ...known } }), signal);
-    } catch (error) {
-      tellProblem(error, problems, signal);
-    }
-  });
+  const told = () => {
+    if (KINDS.some(([of]) => known[of].length || before[of].length)) return { ...job.options, ...known };
+    problems.append(alarm(NONE));
+    return null;
+  };
+  const submit = rerun(job, told, problems, signal);
   const element = h(
     "details",
     { className: "known", open: left !== null },

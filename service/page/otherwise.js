@@ -1,8 +1,7 @@
 // A pair separated once more by what only its photographer knows: how many lamps there are, and how it was exposed.
 
-import { sender } from "./api.js";
-import { h, single } from "./dom.js";
-import { goTo, tellProblem } from "./notes.js";
+import { h } from "./dom.js";
+import { rerun } from "./rerun.js";
 
 /** A choice of how many lamps are asked for; wanted: as the option `lights`, which lightsOf() gives again. */
 export function lampCount(wanted, onchange) {
@@ -24,18 +23,10 @@ export function lightsOf(select) {
 export function otherwiseForm(job, signal) {
   const { lights = "auto", exposure_ratio = null, ...others } = job.options;
   const problems = h("div");
-  const send = sender();
   const lamps = lampCount(lights);
   const ratio = h("input", { type: "number", step: "any", min: 0.001, max: 1000, value: exposure_ratio ?? "" });
   const told = () => ({ ...lightsOf(lamps), ...(ratio.value === "" ? {} : { exposure_ratio: Number(ratio.value) }) });
-  const submit = single(async () => {
-    problems.replaceChildren();
-    try {
-      goTo(await send(`/jobs/${job.id}/rerun`, { options: { ...others, ...told() } }), signal);
-    } catch (error) {
-      tellProblem(error, problems, signal);
-    }
-  });
+  const submit = rerun(job, () => ({ ...others, ...told() }), problems, signal);
   const element = h(
     "details",
     { className: "otherwise" },
