@@ -164,7 +164,8 @@ def test_a_surface_inside_out_is_warned_of(
     found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, turned: float, warned: bool
 ) -> None:
     surface = replace(found("best")[0].surface, misfit=0.0, unexplained=0.0, strengths=np.ones(3))
-    monkeypatch.setattr(normals, "turns_away", lambda *_: turned)
+    given = {(id(surface.mask), id(surface.w)): turned}
+    monkeypatch.setattr(normals, "turns_away", lambda mask, w: given[id(mask), id(w)])
 
     warnings = normals._warnings(surface)
 
