@@ -24,6 +24,7 @@ class Code(StrEnum):
     ONE_GREY = "one_grey"
     FLASH_BLUE = "flash_blue"
     RENDERED_EXPOSURES_DIFFER = "rendered_exposures_differ"
+    BLURRED = "blurred"
     MOVED = "moved"
     LIGHT_CHANGED = "light_changed"
     FLICKER = "flicker"

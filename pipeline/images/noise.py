@@ -40,6 +40,13 @@ class Noise:
         """The noise of the same photograph, all values divided by a positive number."""
         return Noise(self.gain / by, self.floor / by**2, self.grain)
 
+    def blurred(self, left: float) -> Noise:
+        """The noise of the same photograph after a blur that leaves a part of its variance, 0…1.
+
+        What hung together over one pixel hangs together over more: means of many keep theirs.
+        """
+        return Noise(self.gain * left, self.floor * left, self.grain / left)
+
     def plus(self, other: Noise) -> Noise:
         """Both noises together; they are independent of each other."""
         own, others = (one.variance(np.full(3, _MIDDLE)).sum() for one in (self, other))

@@ -25,6 +25,7 @@ from pipeline.pair.pair_warnings import (
     NOTABLE_MOTION,
     alignment_warnings,
     baseline_warnings,
+    blur_warnings,
     copy_warnings,
     darkening_warnings,
     orientation_warnings,
@@ -32,6 +33,7 @@ from pipeline.pair.pair_warnings import (
     unsteady_warnings,
 )
 from pipeline.pair.ratios import block_ratios, brightening, darker_share
+from pipeline.pair.relative_blur import blur_kernel, blurred, blurred_mask, find_relative_blur
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
@@ -249,6 +251,12 @@ def _held_against(
         return _Held(after, noises, ratio, unusable)
     progress.report("align", 0.7)
     ratios = block_ratios(before, after, unusable, noises)
+    blur = find_relative_blur(ratios, unusable)
+    if blur is not None and blur.no_flash.any():
+        kernel = blur_kernel(blur.no_flash)
+        after, unusable = blurred(after, kernel), unusable | blurred_mask(laid.unusable, kernel)
+        noises = noises[0], noises[1].blurred(float(np.square(kernel).sum()))
+        ratios = block_ratios(before, after, unusable, noises)
     settled, doubts = settled_ratio(ratio, ratios, rendered)
     if settled.value != ratio.value:
         after = _divided(after, settled.value / ratio.value, after is not flash.pixels)
@@ -264,7 +272,7 @@ def _held_against(
         moved = float(there.mean())
         unusable = unusable | there
         ratios = ratios.without(there)
-    warnings = [*doubts]
+    warnings = [*doubts, *(blur_warnings(blur) if blur is not None else ())]
     if not doubts:
         darkened = max(darkened, darker_share(ratios, rendered))
         warnings += darkening_warnings(settled, ratios, darkened)

@@ -16,6 +16,7 @@ from pipeline.pair.exposure import ExposureRatio, darkening
 from pipeline.pair.flicker import bands
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
 from pipeline.pair.ratios import Ratios
+from pipeline.pair.relative_blur import RelativeBlur
 from pipeline.run_warnings import Code, RunWarning
 
 NOTABLE_MOTION = 0.002
@@ -102,6 +103,27 @@ def rendering_warnings(
 def alignment_warnings(alignment: Alignment) -> list[RunWarning]:
     """Why the flash photograph could not be laid on the other."""
     return [RunWarning(Code.NOT_ALIGNED, alignment.problem)] if alignment.problem else []
+
+
+def blur_warnings(blur: RelativeBlur) -> list[RunWarning]:
+    """Which photograph is less sharp than the other, and what came of it."""
+    warnings = []
+    if blur.no_flash.any():
+        message = (
+            f"The {NO_FLASH} is less sharp than the other, by a blur of {blur.no_flash_px:.2g} "
+            "pixels (standard deviation): it was shaken or focused elsewhere. The flash "
+            "photograph was blurred as much, and layers have no finer detail. Use a tripod or a "
+            "shorter exposure, and lock the focus."
+        )
+        warnings.append(RunWarning(Code.BLURRED, message, {"no_flash_px": blur.no_flash_px}))
+    if blur.flash_px:
+        message = (
+            f"The {FLASH} is less sharp than the other, by a blur of {blur.flash_px:.2g} pixels "
+            "(standard deviation): it was shaken or focused elsewhere. Layers are wrong beside "
+            "edges and in fine texture. Lock the focus, and take the pair again."
+        )
+        warnings.append(RunWarning(Code.BLURRED, message, {"flash_px": blur.flash_px}))
+    return warnings
 
 
 def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[RunWarning]:

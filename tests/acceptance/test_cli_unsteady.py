@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,29 @@ def test_a_still_pair_is_not_warned_of(
     assert results.manifest["alignment"]["applied"] is False
     assert results.manifest["alignment"]["parallax"] == 0
     assert results.manifest["exposure_source"] == "option"
+
+
+def test_a_shaken_photograph_is_told_and_its_layers_are_nearly_as_good(
+    truth: Any, light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """The hand shook by four pixels while the room's light was gathered."""
+    lamps, part = light
+    line = np.zeros((7, 7))
+    cv2.line(line, (1, 2), (5, 4), 1.0, 1, cv2.LINE_AA)
+    layers = np.stack([cv2.filter2D(one, -1, line / line.sum()) for one in truth.layers])
+    (tmp_path / "still").mkdir()
+    pairs = (
+        write_pair(tmp_path / "still", lamps, lamps + part),
+        write_pair(tmp_path, layers.sum(0), lamps + part),
+    )
+
+    still, results = (separated(pair, *STEADY, "--exposure-ratio", 1) for pair in pairs)
+
+    (warning,) = warnings_of(results)
+    assert "without the flash is less sharp than the other" in warning
+    assert "Use a tripod" in warning
+    shaken, at_rest = results.layer_snr_db(replace(truth, layers=layers)), still.layer_snr_db(truth)
+    assert min(shaken) > min(at_rest) - 3 > 15
 
 
 def test_something_that_moved_is_masked_and_warned_of(

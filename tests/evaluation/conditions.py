@@ -10,6 +10,7 @@ import numpy as np
 from tests.evaluation.capture import Balance, Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
+from tests.evaluation.shake import shaken
 from tests.evaluation.shots import Shot
 from tests.evaluation.spectra import (
     CAMERAS,
@@ -30,6 +31,7 @@ class Condition:
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
     contrast: that the camera gives a JPEG. balance: the light that a JPEG's white is balanced for.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
+    shake_px: of the hand during the one without the flash.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
     colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
@@ -43,6 +45,7 @@ class Condition:
     balance: Balance = "daylight"
     exposure: float = 1.0
     motion_px: float = 0.0
+    shake_px: float = 0.0
     camera: str | None = None
     camera_told: bool = True
     flash: str | None = None
@@ -54,6 +57,8 @@ class Condition:
 def make_shot(scene: Scene, condition: Condition) -> Shot:
     """Photograph a scene. Only the first time it is rendered."""
     rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
+    if condition.shake_px:
+        rendered = shaken(rendered, condition.shake_px)
     if condition.files == "jpeg":
         taken = capture_jpeg(rendered, condition.contrast, condition.balance)
     else:

@@ -72,6 +72,7 @@ _WEAK = Condition(lights="auto", files="noisy", flash_strength=1 / 32)
 _MISSED = Condition(lights=1)
 _WRONG_CAMERA = Condition(lights="auto", camera="Sigma SD1 Merrill")
 _WRONG_RATIO = Condition(lights="auto", exposure_ratio=1.5)
+_SHAKEN = Condition(lights="auto", files="noisy", shake_px=4.0)
 _JPEG = Condition(lights="auto", files="jpeg")
 _FOR_BULBS = Condition(lights="auto", files="jpeg", balance="bulbs")
 
@@ -92,6 +93,7 @@ CASES = (
     Case("one lamp asked for of two", "two", _MISSED, Code.UNEXPLAINED, _plain),
     Case("another camera named", "two", _WRONG_CAMERA, Code.CAMERA_DOUBTFUL),
     Case("a wrong exposure ratio", "two", _WRONG_RATIO, Code.EXPOSURE_MISMATCH),
+    Case("shaken by 4 px, sensor noise", "two", _SHAKEN, Code.BLURRED, most=3),
     Case("JPEG", "two", _JPEG, Code.RENDERED_SRGB),
     Case("JPEG balanced for bulbs", "two", _FOR_BULBS, Code.FLASH_BLUE),
 )

@@ -39,6 +39,16 @@ def test_noise_of_means() -> None:
     assert grainy.of_means(2).grain == 2
 
 
+def test_noise_of_blurred_values_is_less_but_not_that_of_wide_means() -> None:
+    level = np.full(3, 0.3)
+
+    found = Noise(NOISE.gain, NOISE.floor, grain=2.0)
+    after = found.blurred(0.2)
+
+    np.testing.assert_allclose(after.variance(level), 0.2 * found.variance(level))
+    np.testing.assert_allclose(after.variance(level, 64), found.variance(level, 64))
+
+
 def test_noise_of_divided_values() -> None:
     """A quarter of the values has a sixteenth of the variance."""
     pixels = np.array([0.1, 0.4, 0.8])

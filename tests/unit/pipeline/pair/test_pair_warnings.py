@@ -13,14 +13,16 @@ from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.pair import make_pair
 from pipeline.pair.pair_warnings import (
+    blur_warnings,
     copy_warnings,
     darkening_warnings,
     rendering_warnings,
     unsteady_warnings,
 )
 from pipeline.pair.ratios import Ratios
+from pipeline.pair.relative_blur import RelativeBlur
 from pipeline.progress import Progress
-from pipeline.run_warnings import RunWarning
+from pipeline.run_warnings import Code, RunWarning
 
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
 
@@ -249,3 +251,20 @@ def test_motion_is_told_of_in_more_than_a_500th_of_the_picture(moved: float, tol
     assert [(warning.code, warning.figures) for warning in found] == [
         ("moved", {"share": moved})
     ] * told
+
+
+def test_each_photograph_that_is_less_sharp_is_told_by_name() -> None:
+    """A hand may shake along another direction in each."""
+    shaken = np.array([[9.0, 0.0], [0.0, 4.0]])
+
+    first, second = blur_warnings(RelativeBlur(shaken, 2.04))
+
+    assert first.code == second.code == Code.BLURRED
+    assert first.figures == {"no_flash_px": pytest.approx(3.0)}
+    assert "photograph without the flash is less sharp than the other, by a blur of 3 pixels" in (
+        first.message
+    )
+    assert second.figures == {"flash_px": 2.04}
+    assert "photograph with the flash is less sharp than the other, by a blur of 2 pixels" in (
+        second.message
+    )

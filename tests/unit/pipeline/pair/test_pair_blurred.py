@@ -1,0 +1,116 @@
+"""Pairs of which one photograph is less sharp than the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.images.frames import Frame
+from pipeline.pair.estimate_noise import estimate_noises
+from pipeline.pair.ratios import Ratios
+from pipeline.pair.relative_blur import RelativeBlur, blur_kernel, blurred
+from pipeline.run_warnings import Code
+from tests.unit.pipeline.pair.pairs_of_frames import paired
+
+COVARIANCE = np.array([[2.0, 0.5], [0.5, 1.0]])
+SHAKEN = RelativeBlur(COVARIANCE, 0.0)
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> Callable[[RelativeBlur], list[Ratios]]:
+    """Have a blur be found from now on; what it was looked for in."""
+
+    def find(blur: RelativeBlur) -> list[Ratios]:
+        given: list[Ratios] = []
+
+        def search(ratios: Ratios, _: Any) -> RelativeBlur:
+            given.append(ratios)
+            return blur
+
+        monkeypatch.setattr("pipeline.pair.pair.find_relative_blur", search)
+        return given
+
+    return find
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_the_flash_photograph_is_blurred_as_much_as_the_other(
+    frames: Callable[..., tuple[Frame, Frame]],
+    found: Callable[[RelativeBlur], list[Ratios]],
+    scale: float,
+) -> None:
+    before, after = frames(scale=scale)
+    seen = after.pixels[:].copy()
+    given = found(SHAKEN)
+
+    pair = paired((before, after), exposure_ratio=scale, align=False)
+
+    expected = blurred(seen / np.float32(scale), blur_kernel(COVARIANCE))
+    np.testing.assert_allclose(pair.flash[:], expected, atol=1e-6)
+    np.testing.assert_array_equal(pair.no_flash[:], before.pixels[:])
+    np.testing.assert_array_equal(after.pixels[:], seen)
+    np.testing.assert_allclose(
+        np.median(np.exp(given[0].logs)), np.median(seen / scale / before.pixels[:]), rtol=0.05
+    )
+    assert [one.code for one in pair.warnings] == [Code.BLURRED]
+
+
+def test_noise_of_a_blurred_photograph_is_less_and_hangs_together(
+    frames: Callable[..., tuple[Frame, Frame]], found: Callable[[RelativeBlur], list[Ratios]]
+) -> None:
+    before, after = frames()
+    found(SHAKEN)
+
+    pair = paired((before, after), align=False)
+
+    sharp = estimate_noises(after.pixels, before.pixels)[0]
+    left = float(np.square(blur_kernel(COVARIANCE)).sum())
+    level = np.full(3, 0.2)
+    np.testing.assert_allclose(pair.flash_noise.variance(level), left * sharp.variance(level))
+    assert pair.flash_noise.grain == pytest.approx(sharp.grain / left)
+
+
+def test_light_that_unusable_pixels_were_blurred_into_is_unusable(
+    frames: Callable[..., tuple[Frame, Frame]], found: Callable[[RelativeBlur], list[Ratios]]
+) -> None:
+    before, after = frames()
+    saturated = np.zeros_like(after.saturated)
+    saturated[20:30, 20:30] = True
+    after = replace(after, saturated=saturated)
+    found(SHAKEN)
+
+    unusable = paired((before, after), align=False).unusable
+
+    assert unusable[20:30, 20:30].all()
+    assert unusable[25, 18:32].all()
+    assert unusable.sum() < 16 * 16
+
+
+def test_a_flash_photograph_that_is_less_sharp_stays_and_is_told(
+    frames: Callable[..., tuple[Frame, Frame]], found: Callable[[RelativeBlur], list[Ratios]]
+) -> None:
+    before, after = frames()
+    found(RelativeBlur(np.zeros((2, 2)), 1.5))
+
+    pair = paired((before, after), align=False)
+
+    np.testing.assert_array_equal(pair.flash[:], after.pixels[:])
+    (warning,) = pair.warnings
+    assert warning.code == Code.BLURRED
+    assert warning.figures == {"flash_px": 1.5}
+
+
+def test_of_a_flash_part_alone_no_blur_is_looked_for(
+    frames: Callable[..., tuple[Frame, Frame]], found: Callable[[RelativeBlur], list[Any]]
+) -> None:
+    before, after = frames()
+    given = found(SHAKEN)
+
+    pair = paired((before, after), align=False, flash_only=True)
+
+    assert given == []
+    np.testing.assert_array_equal(pair.flash[:], after.pixels[:])

@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.arrays import Floats64
+from pipeline.images.frames import Mask
+from pipeline.pair.relative_blur import (
+    RelativeBlur,
+    blur_kernel,
+    blurred,
+    blurred_mask,
+    find_relative_blur,
+)
+from tests.unit.pipeline.pair.ratios_of_scenes import FLASH, HEIGHT, LAMP, WIDTH, ratios_of
+
+SHAKEN = np.array([[1.0, 0.3], [0.3, 0.4]])
+SHARP = np.zeros((2, 2))
+
+
+def photographs(
+    no_flash: Floats64 = SHARP, flash: Floats64 = SHARP, times: int = 1, seed: int = 2
+) -> tuple[Floats64, Floats64]:
+    """Painted spots in the light of a lamp with a shadow, and with a flash; each blurred so much.
+
+    times: how much larger all is, the blur with it. seed: of the spots.
+    """
+    random = np.random.default_rng(seed)
+    size = HEIGHT * times, WIDTH * times
+    paint = random.uniform(0.2, 0.9, (HEIGHT // 8, WIDTH // 8, 3))
+    paint = np.asarray(cv2.resize(paint, size[::-1], interpolation=cv2.INTER_NEAREST), np.float64)
+    u = np.linspace(0, 1, size[1])[None, :, None]
+    shadow = np.where((u > 0.4) & (u < 0.6), 0.3, 1.0)
+    lamps = paint * (0.5 - 0.2 * u) * LAMP * shadow
+    both = lamps + paint * 0.4 * FLASH * (0.5 + 0.5 * u)
+    return tuple(  # type: ignore[return-value]
+        blurred(light.astype(np.float32), blur_kernel(times**2 * covariance)).astype(np.float64)
+        for light, covariance in ((lamps, no_flash), (both, flash))
+    )
+
+
+def told(no_flash: Floats64, flash: Floats64, unusable: Mask | None = None) -> RelativeBlur | None:
+    """The blur found in photographs with the noise of a sensor."""
+    bad = np.zeros(no_flash.shape[:2], bool) if unusable is None else unusable
+    return find_relative_blur(ratios_of(no_flash, flash, bad), bad)
+
+
+def test_a_shaken_photograph_is_told_with_its_covariance() -> None:
+    found = told(*photographs(no_flash=SHAKEN))
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, SHAKEN, atol=0.12)
+    assert found.no_flash_px == pytest.approx(np.sqrt(np.linalg.eigvalsh(SHAKEN)[1]), rel=0.06)
+    assert found.flash_px == 0
+
+
+def test_photographs_as_sharp_as_each_other_are_not_told() -> None:
+    assert told(*photographs()) is None
+    assert told(*photographs(SHAKEN, SHAKEN)) is None
+
+
+def test_a_flash_photograph_that_is_less_sharp_is_told_by_its_deviation() -> None:
+    found = told(*photographs(flash=np.diag([2.0, 0.3])))
+
+    assert found is not None
+    assert found.flash_px == pytest.approx(np.sqrt(2.0), rel=0.15)
+    assert not found.no_flash.any()
+    assert found.no_flash_px == 0
+
+
+def test_each_photograph_may_be_blurred_along_another_direction() -> None:
+    shaken = np.diag([1.6, 0.0]), np.diag([0.0, 1.6])
+    found = told(*photographs(*shaken))
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, shaken[0], atol=0.4)
+    assert found.flash_px == pytest.approx(np.sqrt(1.6), rel=0.15)
+
+
+def test_a_blur_so_wide_that_steps_no_longer_agree_is_told_by_half_the_size() -> None:
+    found = told(*photographs(no_flash=8 * SHAKEN))
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, 8 * SHAKEN, rtol=0.1)
+
+
+def test_a_blur_is_told_in_pixels_of_large_photographs() -> None:
+    found = told(*photographs(SHAKEN, times=3))
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, 9 * SHAKEN, atol=9 * 0.15)
+
+
+def test_too_little_that_agrees_tells_nothing() -> None:
+    """The flash photograph shows other things but for a corner."""
+    lamps, both = photographs(no_flash=SHAKEN)
+    _, other = photographs(seed=3)
+    other[:40, :60] = both[:40, :60]
+
+    assert told(lamps, other) is None
+
+
+def test_outlines_before_black_tell_it_where_nothing_is_painted() -> None:
+    """Dark blocks are left out of the ratios of the exposures, but not here."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    disks: Floats64 = ((x % 24 - 11.5) ** 2 + (y % 24 - 11.5) ** 2 < 80)[..., None].astype(float)
+    lamps = blurred((disks * 0.4 * LAMP).astype(np.float32), blur_kernel(SHAKEN))
+
+    found = told(np.maximum(lamps, 0.0).astype(np.float64), disks * (0.4 * LAMP + 0.4 * FLASH))
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, SHAKEN, atol=0.2)
+
+
+def test_unusable_photographs_and_small_ones_tell_nothing() -> None:
+    lamps, both = photographs(no_flash=SHAKEN)
+
+    assert told(lamps, both, np.ones((HEIGHT, WIDTH), bool)) is None
+    assert told(lamps[:9, :9], both[:9, :9]) is None
+
+
+def test_stripes_tell_of_the_blur_across_them() -> None:
+    lamps, both = (np.repeat(light[:1], HEIGHT, axis=0) for light in photographs())
+    level = blurred(lamps.astype(np.float32), blur_kernel(np.diag([1.0, 0.0])))
+
+    found = told(level.astype(np.float64), both)
+
+    assert found is not None
+    assert found.no_flash[0, 0] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [SHARP, np.diag([0.2, 0.1]), SHAKEN, np.array([[36.0, 20.0], [20.0, 30.0]])],
+    ids=["none", "below a pixel", "a pixel", "six pixels"],
+)
+def test_kernels_have_the_covariance_asked_for(covariance: Floats64) -> None:
+    kernel = blur_kernel(covariance).astype(np.float64)
+
+    reach = len(kernel) // 2
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    moments = [[(kernel * one * two).sum() for one in (x, y)] for two in (x, y)]
+    assert kernel.sum() == pytest.approx(1)
+    np.testing.assert_allclose(moments, covariance, rtol=2e-3, atol=1e-6)
+    assert kernel.max() == kernel[reach, reach]
+
+
+def test_a_blur_is_in_memory_of_its_own_and_keeps_even_light() -> None:
+    even = np.full((20, 30, 3), 0.25, np.float32)
+
+    found = blurred(even, blur_kernel(SHAKEN))
+
+    np.testing.assert_allclose(found, even, rtol=1e-6)
+    assert not np.shares_memory(found, even)
+
+
+def test_pixels_that_unusable_ones_were_blurred_into_are_unusable() -> None:
+    unusable = np.zeros((21, 21), bool)
+    unusable[10, 10] = True
+    kernel = blur_kernel(np.diag([2.0, 0.1]))
+
+    found = blurred_mask(unusable, kernel)
+
+    expected = np.zeros_like(unusable)
+    expected[6:15, 6:15] = kernel[2:11, 2:11] > 0.1 if len(kernel) == 13 else False
+    expected[10, 10] = True
+    np.testing.assert_array_equal(found, expected)
+    assert found.sum() > 1
