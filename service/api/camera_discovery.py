@@ -5,6 +5,7 @@ What was seen is in the rows of cameras, for every process of the service.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import threading
 import time
@@ -12,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import sqlalchemy as sa
+from fastapi.concurrency import run_in_threadpool
 
 import drivers
 from service.allowed import is_camera_allowed
@@ -22,6 +24,9 @@ from service.settings import Settings
 from service.workers import host, sandbox, scratch
 from service.workers.forkserver import ForkServer
 from service.workers.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
+
+WATCH_SECONDS = 0.5
+"""Between two looks at the rows of cameras, one for all who watch."""
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take
@@ -52,6 +57,8 @@ class CameraDiscovery:
         self._refreshed = 0.0
         self._found: list[str] = []
         self._unable: set[str] = set()  # addresses
+        self._listing: asyncio.Future[list[cameras.Camera]] | None = None
+        self._listed_at = 0.0
         self._closed = False
 
     def close(self) -> None:
@@ -77,6 +84,19 @@ class CameraDiscovery:
             if self._running is None or (self._running.done() and old):
                 self._running = self._pool.submit(self._look_everywhere)
             return self._running
+
+    def listed(self) -> list[cameras.Camera]:
+        """Give the cameras at addresses(), and those in use, as their rows are now."""
+        with self._engine.connect() as connection:
+            return cameras.find_all(connection, self.addresses())
+
+    async def watched(self) -> list[cameras.Camera]:
+        """Give what listed() does, now or just now, with one look for all who watch."""
+        old = time.monotonic() - self._listed_at > WATCH_SECONDS
+        if self._listing is None or (self._listing.done() and old):
+            self._listed_at = time.monotonic()
+            self._listing = asyncio.ensure_future(run_in_threadpool(self.listed))
+        return await asyncio.shield(self._listing)
 
     def adjust(
         self, address: str, settings: CaptureSettings, trace_id: str
@@ -122,10 +142,9 @@ class CameraDiscovery:
         self._refreshed = time.monotonic()
 
     def _look(self, address: str) -> None:
-        with self._engine.begin() as connection:
-            known = cameras.find(connection, cameras.id_of(address))
-        if known and known.seconds_ago < _FRESH_SECONDS:
-            return  # another process has, or a job
+        with self._engine.connect() as connection:
+            if cameras.looked_ago(connection, cameras.id_of(address)) < _FRESH_SECONDS:
+                return  # another process has looked, or a job
         taken = self._take(address)
         if taken is None:
             return

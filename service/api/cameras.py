@@ -23,6 +23,7 @@ from service.api.accepted_job import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
 from service.api.callers import Caller, Calling, Standing
+from service.api.camera_discovery import WATCH_SECONDS
 from service.api.captures import told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.make_job import make_captures
@@ -74,7 +75,8 @@ async def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
     looked = asyncio.shield(asyncio.wrap_future(context.camera_discovery.refresh()))
     with contextlib.suppress(TimeoutError):  # in no thread, of which other requests need one
         await asyncio.wait_for(looked, _PATIENCE_SECONDS)
-    return await run_in_threadpool(_list, context, caller)
+    found = await run_in_threadpool(context.camera_discovery.listed)
+    return _answers(context, caller, found)
 
 
 @router.get(
@@ -172,9 +174,7 @@ def _jobs(context: Context, job_id: str) -> JobList:
         return JobList(jobs=answers.of_jobs(connection, context.settings, found))
 
 
-def _list(context: Context, caller: Caller) -> list[CameraAnswer]:
-    with context.engine.connect() as connection:
-        found = cameras.find_all(connection, context.camera_discovery.addresses())
+def _answers(context: Context, caller: Caller, found: list[cameras.Camera]) -> list[CameraAnswer]:
     is_unable = context.camera_discovery.is_unable
     return [_answer(camera, caller, is_unable(camera.address)) for camera in found]
 
@@ -211,7 +211,7 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
     while not context.job_updates.closed and await standing.holds():
         with contextlib.suppress(*AWAY):  # they wait on: the database may come back
             context.camera_discovery.refresh()
-            listed = await run_in_threadpool(_list, context, caller)
+            listed = _answers(context, caller, await context.camera_discovery.watched())
             news = json.dumps([camera.model_dump() for camera in listed])
             if news != seen:
                 seen, told = news, time.monotonic()
@@ -219,7 +219,7 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
         if time.monotonic() - told > KEEP_ALIVE_SECONDS:
             told = time.monotonic()
             yield KEEPALIVE_COMMENT
-        await asyncio.sleep(_LOOK_SECONDS)
+        await asyncio.sleep(WATCH_SECONDS)
 
 
 def _address(context: Context, camera_id: str) -> str:

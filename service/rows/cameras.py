@@ -8,6 +8,7 @@ gphoto2:// may be that of any serial number: what may be one body is used by one
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,6 @@ import drivers
 from service.rows import attempts, heartbeats, jobs, queues
 from service.rows.clock import now
 from service.rows.database import may_be_id
-from service.rows.states import HELD, State
 from service.rows.tables import cameras
 from service.rows.tables import jobs as rows
 
@@ -32,7 +32,7 @@ _SWITCH_LOCK = 0x11648  # any number but that of migrations
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera; seconds_ago: since it was last looked at. Columns: service.rows.tables."""
+    """One camera, with who has it and how many wait. Columns: service.rows.tables."""
 
     id: str
     address: str
@@ -42,7 +42,6 @@ class Camera:
     battery_percent: int | None
     free_bytes: int | None
     answered: bool
-    seconds_ago: float
     holder: jobs.Job | None
     waiting: int
 
@@ -71,50 +70,60 @@ def address_of(connection: sa.Connection, camera: str) -> str | None:
 
 
 def find_all(connection: sa.Connection, addresses: Collection[str]) -> list[Camera]:
-    """Cameras at these addresses that were ever looked for, and all that jobs hold or wait for."""
-    used = sa.select(rows.c.camera).where(rows.c.camera.is_not(None), _lacks_pair())
-    busy = connection.execute(used.distinct()).scalars().all()
-    ids = {*busy, *map(id_of, addresses)}
-    return _seen(connection, cameras.c.id.in_(ids))
+    """Cameras at these addresses that were ever looked for, and all that jobs hold or wait for.
 
-
-def find(connection: sa.Connection, camera: str) -> Camera | None:
-    """Find the camera of this id."""
-    return next(iter(_seen(connection, cameras.c.id == camera)), None)
-
-
-def _seen(connection: sa.Connection, which: sa.ColumnElement[bool]) -> list[Camera]:
-    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago")).where(which)
-    found = connection.execute(query.order_by(cameras.c.address))
-    return [_camera(connection, row._mapping) for row in found]
-
-
-def _camera(connection: sa.Connection, row: Mapping[Any, Any]) -> Camera:
+    It takes four statements, however many cameras there are.
+    """
+    held, waiting = _held(connection), _waiting(connection)
+    holders = {job.id: job for job in jobs.find_all(connection, held.values())}
+    known = {row.id: row for row in connection.execute(sa.select(cameras))}
+    places = {camera: row.address for camera, row in known.items()}
     names = Camera.__dataclass_fields__.keys() - {"holder", "waiting"}
-    return Camera(
-        **{name: row[name] for name in names},
-        holder=holder(connection, row["id"]),
-        waiting=count_waiting(connection, row["id"]),
-    )
+    found = []
+    for camera in known.keys() & {*held, *waiting, *map(id_of, addresses)}:
+        same = _same_among(places, camera)
+        by = next((held[one] for one in same if one in held), "")
+        found.append(
+            Camera(
+                **{name: getattr(known[camera], name) for name in names},
+                holder=holders.get(by),
+                waiting=sum(waiting.get(one, 0) for one in same),
+            )
+        )
+    return sorted(found, key=lambda one: one.address)
 
 
-def _lacks_pair() -> sa.ColumnElement[bool]:
-    """Whether a job goes on whose pair no camera has taken yet."""
-    # By the states that it may have: an index finds these, and none finds what is not ended.
-    return sa.and_(rows.c.state.in_((State.QUEUED, *HELD)), rows.c.inputs.is_(None))
+def looked_ago(connection: sa.Connection, camera: str) -> float:
+    """Seconds since somebody looked at a camera; infinite for one that nobody has asked for."""
+    found = sa.select(now() - cameras.c.looked).where(cameras.c.id == camera)
+    ago = connection.execute(found).scalar()
+    return math.inf if ago is None else ago
 
 
 def holder(connection: sa.Connection, camera: str) -> jobs.Job | None:
     """Find the job that has the camera take its pair now."""
-    has_it = sa.or_(*map(queues.is_held_from_queue, _same(connection, camera)))
-    job_id = connection.execute(sa.select(rows.c.id).where(has_it)).scalar()
+    held = _held(connection)
+    job_id = next((held[one] for one in _same(connection, camera) if one in held), None)
     return jobs.find(connection, job_id) if job_id else None
 
 
 def count_waiting(connection: sa.Connection, camera: str) -> int:
     """How many jobs wait for the camera."""
-    waits = sa.or_(*map(queues.waits_in_queue, _same(connection, camera)))
-    return connection.execute(sa.select(sa.func.count()).where(waits)).scalar_one()
+    waiting = _waiting(connection)
+    return sum(waiting.get(one, 0) for one in _same(connection, camera))
+
+
+def _held(connection: sa.Connection) -> dict[str, str]:
+    """Ids of the jobs that have cameras take their pairs, by those of the cameras."""
+    found = connection.execute(sa.select(rows.c.camera, rows.c.id).where(queues.HOLDS_CAMERA))
+    return dict(found.all())
+
+
+def _waiting(connection: sa.Connection) -> dict[str, int]:
+    """How many jobs wait for cameras, by the ids of these."""
+    query = sa.select(rows.c.camera, sa.func.count()).where(queues.WAITS_FOR_CAMERA)
+    found = connection.execute(query.group_by(rows.c.camera))
+    return dict(found.all())
 
 
 def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
@@ -143,9 +152,9 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
 
 def is_switch_in_use(connection: sa.Connection, besides: str) -> bool:
     """Whether a job besides this has a pair taken with the flash on the operator's switch."""
-    takes = sa.and_(rows.c.state.in_(HELD), rows.c.stage == queues.CAPTURE, rows.c.id != besides)
     switches = rows.c.capture["flash"].as_string() == _EXTERNAL
-    return connection.execute(sa.select(rows.c.id).where(takes, switches)).first() is not None
+    others = sa.and_(queues.HOLDS_CAMERA, rows.c.id != besides, switches)
+    return connection.execute(sa.select(rows.c.id).where(others)).first() is not None
 
 
 def is_past_capture(job: jobs.Job) -> bool:
@@ -241,14 +250,17 @@ def _lock(connection: sa.Connection, camera: str, address: str) -> None:
     connection.execute(new.on_conflict_do_update(index_elements=[cameras.c.id], set_=same))
 
 
-def _same(connection: sa.Connection, camera: str) -> list[str]:
+def _same(connection: sa.Connection, camera: str) -> set[str]:
     """Ids under which this camera may be in use."""
-    address = address_of(connection, camera) or ""
-    if not _is_on_usb(address):
-        return [camera]
-    known = sa.select(cameras.c.id, cameras.c.address)
-    others = [row.id for row in connection.execute(known) if _may_be_one(address, row.address)]
-    return [camera, *others]
+    places = connection.execute(sa.select(cameras.c.id, cameras.c.address))
+    return _same_among(dict(places.all()), camera)
+
+
+def _same_among(addresses: Mapping[str, str], camera: str) -> set[str]:
+    """Do what _same does; addresses: of all cameras, by their ids."""
+    address = addresses.get(camera, "")
+    others = addresses.items() if _is_on_usb(address) else ()
+    return {camera, *(other for other, place in others if _may_be_one(address, place))}
 
 
 def _is_on_usb(address: str) -> bool:

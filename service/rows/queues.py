@@ -13,18 +13,25 @@ from service.rows.tables import jobs
 CAPTURE = "capture"
 """The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""
 
+WAITS_FOR_CAMERA = sa.and_(
+    jobs.c.state == State.QUEUED, jobs.c.camera.is_not(None), jobs.c.inputs.is_(None)
+)
+"""Whether a job waits in the queue of its camera."""
+
+HOLDS_CAMERA = sa.and_(jobs.c.state.in_(HELD), jobs.c.stage == CAPTURE)
+"""Whether a worker holds a job out of the queue of its camera."""
+
 
 def waits_in_queue(camera: str | None) -> sa.ColumnElement[bool]:
     """Whether a job waits in the queue of a camera; None: in that of the workers."""
-    this = jobs.c.camera == camera
+    if camera is not None:
+        return sa.and_(WAITS_FOR_CAMERA, jobs.c.camera == camera)
     elsewhere = sa.or_(jobs.c.camera.is_(None), jobs.c.inputs.is_not(None))
-    queue = elsewhere if camera is None else sa.and_(this, jobs.c.inputs.is_(None))
-    return sa.and_(jobs.c.state == State.QUEUED, queue)
+    return sa.and_(jobs.c.state == State.QUEUED, elsewhere)
 
 
 def is_held_from_queue(camera: str | None) -> sa.ColumnElement[bool]:
     """Whether a worker holds a job out of the queue of a camera; None: out of the workers'."""
-    held = jobs.c.state.in_(HELD)
-    if camera is None:
-        return sa.and_(held, jobs.c.stage.is_distinct_from(CAPTURE))
-    return sa.and_(held, jobs.c.camera == camera, jobs.c.stage == CAPTURE)
+    if camera is not None:
+        return sa.and_(HOLDS_CAMERA, jobs.c.camera == camera)
+    return sa.and_(jobs.c.state.in_(HELD), jobs.c.stage.is_distinct_from(CAPTURE))

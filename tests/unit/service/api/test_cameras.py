@@ -7,13 +7,14 @@ import errno
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import httpx
 import pytest
 
 import drivers
-from service.api.camera_discovery import CameraDiscovery
+from service.api.camera_discovery import WATCH_SECONDS, CameraDiscovery
 from service.api.context import Context
 from service.errors import NoProcessError, StorageFullError
 from service.rows import attempts, cameras
@@ -191,6 +192,31 @@ class TestList:
             hold(context, made["id"])
             changed = next(stream).data[1]
         assert (changed["state"], changed["holder"]) == ("capturing", made["id"])
+
+    def test_one_look_at_the_rows_serves_all_who_watch(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        http.get("/cameras").raise_for_status()
+        looks = []
+        find_all = cameras.find_all
+
+        def count(*of: Any) -> Any:
+            looks.append(time.monotonic())
+            return find_all(*of)
+
+        monkeypatch.setattr(cameras, "find_all", count)
+
+        def watch(_number: int) -> None:
+            with http.stream("GET", "/cameras/events") as answer:
+                stream = events(answer)  # which ends the request once it is let go
+                assert len(next(stream).data) == 2
+                time.sleep(2)
+
+        with ThreadPoolExecutor(8) as pool:
+            began = time.monotonic()
+            list(pool.map(watch, range(8)))
+        assert 1 < len(looks) <= (time.monotonic() - began) / WATCH_SECONDS + 1
+        assert all(later - one > 0.9 * WATCH_SECONDS for one, later in pairwise(looks))
 
 
 class TestSettings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -40,9 +41,10 @@ def _claim(engine: sa.Engine, job_id: str, worker: str = "w1") -> jobs.Job | Non
 
 def _look(engine: sa.Engine, camera: str) -> cameras.Camera:
     with engine.connect() as connection:
-        found = cameras.find(connection, camera)
-    assert found is not None
-    return found
+        address = cameras.address_of(connection, camera)
+        assert address is not None
+        found = cameras.find_all(connection, [address])
+    return next(one for one in found if one.id == camera)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +88,8 @@ def test_a_camera_that_was_never_looked_at_is_known_all_the_same(
         assert cameras.add(connection, ADDRESS) == camera
         assert cameras.address_of(connection, camera) == ADDRESS
         assert cameras.address_of(connection, "another") is None
-        assert cameras.find(connection, "another") is None
+        assert cameras.looked_ago(connection, camera) > 10**9
+        assert math.isinf(cameras.looked_ago(connection, "another"))
 
 
 def test_what_a_camera_tells_is_kept_when_it_is_away(engine: sa.Engine, camera: str) -> None:
@@ -96,7 +99,9 @@ def test_what_a_camera_tells_is_kept_when_it_is_away(engine: sa.Engine, camera: 
     assert (found.make, found.model, found.serial, found.battery_percent, found.free_bytes) == (
         "Make", "Model", "7", 80, 10**9,
     )  # fmt: skip
-    assert found.answered and found.seconds_ago < 60
+    assert found.answered
+    with engine.connect() as connection:
+        assert 0 <= cameras.looked_ago(connection, camera) < 60
     with engine.begin() as connection:
         cameras.note(connection, camera, None, answered=False)
     found = _look(engine, camera)
@@ -400,13 +405,17 @@ def test_places_in_the_queue_are_those_of_the_jobs_own_queue(engine: sa.Engine) 
         assert waiting.positions(connection, shown) == {"a": 1, "b": 2, "c": 1, "d": 1}
 
 
-def test_cameras_in_use_are_found_without_a_look_at_jobs_that_have_ended(
-    engine: sa.Engine, camera: str
+def test_cameras_are_found_by_few_looks_and_none_at_jobs_that_have_ended(
+    engine: sa.Engine,
 ) -> None:
-    _add(engine, "a")
+    for number in range(5):
+        _add(engine, f"{number}", f"{USB}{number}")
+    assert _claim(engine, "0")
     with engine.connect() as connection, plans(engine) as found:
-        assert [one.id for one in cameras.find_all(connection, [])] == [camera]
-    assert "(state=?)" in found[0]  # by whichever index has the states first
+        assert len(cameras.find_all(connection, [])) == 5
+    assert len(found) == 4
+    held, waiting, *_ = found
+    assert "(state=?" in held and "(state=?" in waiting  # by whichever index has the states first
 
 
 def test_cameras_that_nobody_uses_are_forgotten(engine: sa.Engine) -> None:
