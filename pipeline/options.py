@@ -311,15 +311,22 @@ class Options(PairOptions):
 
     @model_validator(mode="after")
     def _known_outputs(self) -> Options:
-        unknown = set(self.outputs) - set(OUTPUT_NAMES) if isinstance(self.outputs, list) else ()
-        if unknown:
+        if not isinstance(self.outputs, list):
+            return self
+        if unknown := set(self.outputs) - set(OUTPUT_NAMES):
             raise ValueError(
                 f"unknown output {', '.join(sorted(unknown))}; known are {', '.join(OUTPUT_NAMES)}"
             )
         through = [name for name in self.outputs if name in outputs_with("response")]
-        if isinstance(self.outputs, list) and through and self.response is None:
+        if through and self.response is None:
             raise ValueError(
                 f"the output {through[0]} needs a response: name the camera to look through"
+            )
+        surface = [name for name in self.outputs if name in outputs_with("surface")]
+        if surface and self.method == "paper":
+            raise ValueError(
+                f"the output {surface[0]} is not made by the method paper, which finds normals "
+                "alone: leave it out, or use the method best"
             )
         return self
 

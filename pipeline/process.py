@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.calibration.kept_calibrations import Kept, setup_warnings, with_kept
+from pipeline.calibration.kept_calibrations import Kept, may_stand_in, setup_warnings, with_kept
 from pipeline.calibration.named_calibrations import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
@@ -64,6 +64,8 @@ def separate_files(
     what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
+    if not may_stand_in(kept, "lamps", options):  # else the photographs tell whether it does
+        check_directions(options)
     orientation = check_pair(no_flash, flash)
     before = decode(no_flash, options.encoding, NO_FLASH)
     del no_flash  # RAW files are large, and a caller may have kept none of them
@@ -128,14 +130,13 @@ def _asked(options: Options, kept: Sequence[Kept], frame: Frame) -> _Asked:
 
     frame: the no-flash photograph, of which size and EXIF count. Raises InputError.
     """
-    warnings = [*setup_warnings(options, kept, frame), *named_warnings(options, frame)]
+    of_setup, of_named = setup_warnings(options, kept, frame), named_warnings(options, frame)
     options, used, left_out = with_kept(options, kept, frame)
-    warnings += left_out
-    wanted = wanted_outputs(options, warnings)
+    wanted = wanted_outputs(options)
     check_outputs(wanted, frame.size, options)
-    check_directions(wanted, options)
+    check_directions(options, [*of_setup, *left_out])
     check_places(options, frame.size)
-    return _Asked(options, wanted, used, warnings)
+    return _Asked(options, wanted, used, [*of_setup, *of_named, *left_out])
 
 
 def _models(frame: Frame, options: Options) -> Callable[[Camera], Model]:

@@ -97,12 +97,7 @@ def with_kept(
     here = TakenWith.of(frame)
     for one in sorted(kept, key=lambda one: one.made, reverse=True):
         option = _OPTION_OF[one.kind]
-        if (
-            _is_given(options, option)
-            or option in values
-            or one.setup != options.setup
-            or options.setup == NO_SETUP
-        ):
+        if option in values or not may_stand_in([one], one.kind, options):
             continue
         if not one.taken_with.fits(here, one.kind):
             continue
@@ -127,6 +122,13 @@ def with_kept(
     except ValidationError as error:
         names = " and ".join(repr(entry["name"]) for entry in used)
         raise OptionError(_refused(names, options.setup, f": {_reason(error)}.")) from error
+
+
+def may_stand_in(kept: Sequence[Kept], kind: Kind, options: Options) -> bool:
+    """Whether some calibration of a kind stands in for its option if the photographs fit it."""
+    if _is_given(options, _OPTION_OF[kind]) or options.setup == NO_SETUP:
+        return False
+    return any((one.kind, one.setup) == (kind, options.setup) for one in kept)
 
 
 def _is_given(options: Options, option: str) -> bool:
@@ -218,7 +220,7 @@ def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list
         return [_does_not_fit(one, here) for one in newest.values()]
     message = (
         f"Nothing that is kept for the set-up {options.setup!r} fits this camera, the kind of its "
-        "files and, of lamps, the way up of pictures, so that the pair was separated without "
-        "calibrations: check the name, or calibrate for it with such photographs."
+        "files and, of lamps, the way up of pictures, so that none of it is used: check the name, "
+        "or calibrate for it with such photographs."
     )
     return [RunWarning(Code.NOTHING_KEPT, message)]

@@ -26,45 +26,33 @@ _NOTABLE, _BRIGHTEST = 0.01, 0.995  # share of the picture; quantile
 _SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
 
 
-def wanted_outputs(options: Options, left_out: Sequence[RunWarning] = ()) -> frozenset[str]:
-    """Names out of OUTPUT_NAMES that the options ask for.
-
-    left_out: why kept calibrations do not stand in for options, which refusals repeat.
-    Raises OptionError for normals that are asked for by name where no directions are known, and for
-    what follows from a surface where the published method finds none.
-    """
+def wanted_outputs(options: Options) -> frozenset[str]:
+    """Names out of OUTPUT_NAMES that the options ask for."""
     if options.outputs == "all":
         return frozenset(OUTPUT_NAMES)
     if options.outputs == "default":
         return DEFAULT_OUTPUTS
-    wanted = frozenset(options.outputs)
-    facing, surface = wanted & outputs_with("facing"), wanted & outputs_with("surface")
-    if facing and options.light_directions is None:
+    return frozenset(options.outputs)
+
+
+def check_directions(options: Options, left_out: Sequence[RunWarning] = ()) -> None:
+    """Refuse light directions that fix no normals, where a wanted output needs them.
+
+    And where none are known, an output that needs them and is asked for by name. left_out: why
+    kept calibrations do not stand in, which the refusal repeats. Raises OptionError.
+    """
+    lights, facing = options.light_directions, wanted_outputs(options) & outputs_with("facing")
+    if not facing:
+        return
+    if lights is not None:
+        check = inverse_directions if options.method == "paper" else unit_directions
+        check(lights)
+    elif isinstance(options.outputs, list):
         raise OptionError(
             f"The output {min(facing)} needs the lamps' directions: give light "
             "directions, or calibrate the lamps of this camera and set-up with photographs of this "
             "kind and way up first." + "".join(f" {warning.message}" for warning in left_out)
         )
-    if surface and options.method == "paper":
-        raise OptionError(
-            f"The output {min(surface)} is not made by the method paper, which "
-            "finds normals alone: leave it out, or ask for the method best."
-        )
-    return wanted
-
-
-def check_directions(wanted: frozenset[str], options: Options) -> None:
-    """Refuse light directions that fix no normals, where a wanted output needs them.
-
-    wanted: names out of OUTPUT_NAMES, of these options. Raises OptionError.
-    """
-    lights = options.light_directions
-    if lights is None or not wanted & outputs_with("facing"):
-        return
-    if options.method == "paper":
-        inverse_directions(lights)
-    else:
-        unit_directions(lights)
 
 
 def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Options) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 import tifffile
 
 from pipeline.arrays import Floats64
+from pipeline.calibration.kept_calibrations import Kept
 from pipeline.errors import (
     Canceled,
     InputError,
@@ -29,6 +31,7 @@ from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import STAGES, Progress
+from pipeline.taken_with import TakenWith
 from tests.layers import layers_of, planes_of
 from tests.unit.pipeline.separating import (
     CAMERA,
@@ -352,14 +355,43 @@ def test_bad_options_end_in_a_sentence_and_without_results(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"light_directions": [DirectedLight(direction=(0, 0, 1))] * 3}, "nearly in one plane"),
+        ({"outputs": ["normals.png"]}, "The output normals.png needs the lamps' directions"),
+    ],
+)
 def test_directions_that_fix_no_normals_are_refused_before_any_work(
-    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, options: dict[str, Any], words: str
 ) -> None:
-    monkeypatch.setattr("pipeline.process.make_pair", None)  # which would raise a TypeError
-    alike = [DirectedLight(direction=(0, 0, 1))] * 3
+    with pytest.raises(OptionError, match=words):
+        separated((b"never", b"read"), tmp_path / "out", **options)
 
-    with pytest.raises(OptionError, match="nearly in one plane"):
-        separated(files(), tmp_path / "out", light_directions=alike)
+
+@pytest.mark.parametrize(
+    ("of", "said"),
+    [
+        ("D5100", "since normals need two lamps at least, and one is kept: calibrate with all "),
+        ("D850", "Nothing that is kept for the set-up 'table' fits this camera, "),
+    ],
+)
+def test_why_kept_lamps_give_no_normals_is_told_once_the_photographs_are_read(
+    files: Callable[..., Files], tmp_path: Path, of: str, said: str
+) -> None:
+    kept = Kept(
+        kind="lamps",
+        setup="table",
+        name="a",
+        made="2026",
+        taken_with=TakenWith(make="NIKON", model=of, encoding="linear"),
+        content='{"lights": [{"direction": [0, 0, 1]}]}',
+    )
+    both = files(write=partial(tiff, camera=("NIKON", "D5100")))
+    options = Options(setup="table", outputs=["normals.png"])
+
+    with pytest.raises(OptionError, match=f"needs the lamps' directions.*{said}"):
+        separate_files(*both, options, tmp_path / "out", Progress(), kept=[kept])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
