@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import logging
 import shutil
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import sqlalchemy as sa
 
 from pipeline.result_names import MANIFEST
 from service import metrics, tracing
@@ -29,48 +26,27 @@ from service.patience import note, passes
 from service.problems import problem_of
 from service.rows import attempts, eta, jobs, kept
 from service.rows.database import AWAY
-from service.settings import Settings
-from service.storage.base import Storage
 from service.workers import capturing, materials, sandbox, scratch
 from service.workers.deaths import DISK_IS_FULL
 from service.workers.forkserver import ForkServer
 from service.workers.means import Means
 from service.workers.outcome import Outcome, PassOn
 from service.workers.stages import Stages
-from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Kind, Limits, Task, results_of
 
 _REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
 
-log = logging.getLogger("service.workers.attempt")
-
 
 class Attempt:
-    """Runs one claimed job to its end, or until `ending` says that the worker ends."""
+    """Runs one claimed job to its end, or until its worker ends."""
 
-    def __init__(
-        self,
-        job: jobs.Job,
-        engine: sa.Engine,
-        storage: Storage,
-        settings: Settings,
-        fork_server: ForkServer,
-        ending: Callable[[], bool],
-    ) -> None:
-        self._job = job
-        self._engine = engine
-        self._storage = storage
-        self._settings = settings
+    def __init__(self, means: Means, fork_server: ForkServer) -> None:
+        self._means, self._job = means, means.job
         self._fork_server = fork_server
-        self._stopping = Stopping(job, engine, ending, settings.silence_seconds)
         self._reported: tuple[str, float] = ("", 0.0)
         self._track: eta.Track
         self._stages = Stages()
-        self._log = logging.LoggerAdapter(
-            log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
-        )
-        self._means = Means(job, engine, storage, settings, self._stopping, self._log)
-        self.outcome = Outcome(self._means)
+        self.outcome = Outcome(means)
 
     def run(self, pass_on: PassOn | None = None) -> bool:
         """Run the job. However it ends is written to its row, unless the worker itself ends.
@@ -95,7 +71,7 @@ class Attempt:
                 self._stages.end()
 
     def _run(self, work: Callable[[], bool], pass_on: PassOn | None) -> bool:
-        self._log.info("started")
+        self._means.log.info("started")
         passed_on = False
         try:
             counts = work()
@@ -103,14 +79,14 @@ class Attempt:
             counts = False
         except sandbox.TaskError as error:
             if pass_on and error.problem["type"] == problem_of(OlderWorkerError(""), "").type:
-                self._log.warning("put back for a newer worker")
+                self._means.log.warning("put back for a newer worker")
                 counts = passed_on = self.outcome.put_back(pass_on)
             else:
                 counts = self.outcome.fail(error.problem)
         except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
-            if isinstance(error, FileNotFoundError) and self._stopping.is_void():
+            if isinstance(error, FileNotFoundError) and self._means.stopping.is_void():
                 counts = False  # its photographs were deleted with it
             else:
                 counts = self.outcome.fail(self._problem_of(error))
@@ -122,12 +98,12 @@ class Attempt:
         if isinstance(error, OSError) and error.errno in FULL:
             error = StorageFullError(DISK_IS_FULL)
         if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
-            note(self._log, "failed", error)
+            note(self._means.log, "failed", error)
             metrics.count_fault(error)
         return problem_of(error, self._job.trace_id).model_dump()
 
     def _take(self, pass_on: PassOn) -> bool:
-        with capturing.flash_left_off(self._job, self._settings):
+        with capturing.flash_left_off(self._job, self._means.settings):
             self._begin()
             if not self._job.inputs:
                 with contextlib.ExitStack() as stack:
@@ -137,13 +113,13 @@ class Attempt:
         return self.outcome.put_back(pass_on)
 
     def _begin(self) -> None:
-        self._stopping.check()
-        with self._engine.connect() as connection:
+        self._means.stopping.check()
+        with self._means.engine.connect() as connection:
             self._track = eta.Track(eta.pace_of(connection, self._job))
 
     def _folder(self, stack: contextlib.ExitStack) -> Path:
         return self._means.patiently(
-            lambda: stack.enter_context(scratch.folder(self._settings.data_dir))
+            lambda: stack.enter_context(scratch.folder(self._means.settings.data_dir))
         )
 
     def _work(self) -> bool:
@@ -170,7 +146,7 @@ class Attempt:
         manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
 
         def write() -> None:
-            with self._engine.begin() as connection:
+            with self._means.engine.begin() as connection:
                 row = jobs.find(connection, self._job.id)
                 if row and row.inputs:
                     inputs = kept.with_camera(row.inputs, manifest["taken_with"])
@@ -186,26 +162,27 @@ class Attempt:
             job=self._job.id,
             trace_id=self._job.trace_id,
             directory=str(directory),
-            limits=Limits.of(self._settings, self._settings.job_seconds),
+            limits=Limits.of(self._means.settings, self._means.settings.job_seconds),
             options=self._job.options,
-            camera=capturing.pair_to_take(self._job, self._settings) if takes else None,
+            camera=capturing.pair_to_take(self._job, self._means.settings) if takes else None,
         )
 
         def run() -> Any:
             shutil.rmtree(directory / RESULTS, ignore_errors=True)
-            stop, server = self._stopping.is_due, self._fork_server
+            stop, server = self._means.stopping.is_due, self._fork_server
             return sandbox.run(task, self._report, stop, server, ask)
 
         # A pair that was kept already must not be taken again over it.
         return self._means.patiently(run, _has_not_begun if takes else passes)
 
     def _store(self, path: Path) -> dict[str, Any]:
-        self._stopping.check()
+        check = self._means.stopping.check
+        check()
         key = results_key(self._job.id, self._job.attempt, path.name)
         return {
             "name": path.name,
             "size": path.stat().st_size,
-            "sha256": self._means.keep(key, path, headers_of(path.name), self._stopping.check),
+            "sha256": self._means.keep(key, path, headers_of(path.name), check),
             "media_type": media_type(path.name),
         }
 
@@ -216,7 +193,7 @@ class Attempt:
         if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
             return
         self._reported = (stage, time.monotonic())
-        with contextlib.suppress(*AWAY), self._engine.begin() as connection:
+        with contextlib.suppress(*AWAY), self._means.engine.begin() as connection:
             attempts.report(
                 connection,
                 self._job,

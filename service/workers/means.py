@@ -18,6 +18,8 @@ from service.workers.stopping import Stopping
 
 Result = TypeVar("Result")
 
+_log = logging.getLogger("service.workers.attempt")
+
 
 @dataclass(frozen=True)
 class Means:
@@ -29,6 +31,20 @@ class Means:
     settings: Settings
     stopping: Stopping
     log: logging.LoggerAdapter[logging.Logger]
+
+    @classmethod
+    def of(
+        cls,
+        job: jobs.Job,
+        engine: sa.Engine,
+        storage: Storage,
+        settings: Settings,
+        ending: Callable[[], bool],
+    ) -> Means:
+        """Make those of a claimed job. ending: whether its worker ends."""
+        stopping = Stopping(job, engine, ending, settings.silence_seconds)
+        named = {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
+        return cls(job, engine, storage, settings, stopping, logging.LoggerAdapter(_log, named))
 
     def patiently(
         self, work: Callable[[], Result], may_pass: Callable[[Exception], bool] = passes

@@ -25,7 +25,6 @@ class Outcome:
 
     def __init__(self, means: Means) -> None:
         job, self._job, self._means = means.job, means.job, means
-        self._engine, self._storage, self._log = means.engine, means.storage, means.log
         kept_on = job.task == "calibrate" and job.options.get("setup")
         self._keep_seconds = None if kept_on else means.settings.retention_seconds
 
@@ -33,7 +32,7 @@ class Outcome:
         """End the job with its files; whether this counts. stage_seconds: what each stage took."""
         counts = self._end(partial(attempts.succeed, stage_seconds=stage_seconds), results)
         if counts:
-            self._log.info("succeeded")
+            self._means.log.info("succeeded")
             tracing.note("outcome", "succeeded")
         return counts
 
@@ -41,17 +40,17 @@ class Outcome:
         """End the job with a problem; whether this counts."""
         counts = self._end(attempts.fail, problem)
         if counts:
-            self._log.info("failed: %s", problem["type"])
+            self._means.log.info("failed: %s", problem["type"])
             tracing.note("outcome", problem["type"])
             with contextlib.suppress(BaseError):  # what is left of them here goes with the job
-                self._storage.delete_below(results_key(self._job.id, self._job.attempt))
+                self._means.storage.delete_below(results_key(self._job.id, self._job.attempt))
         return counts
 
     def put_back(self, pass_on: PassOn) -> bool:
         """Put the job back, and have it passed on; whether this counts."""
 
         def write() -> bool:
-            with self._engine.begin() as connection:
+            with self._means.engine.begin() as connection:
                 counts = attempts.release(connection, self._job)
                 if counts:
                     pass_on(connection)
@@ -65,7 +64,7 @@ class Outcome:
         One that has ended the job stays as it is. lost: whether it counts as one that the job lost.
         Files of it that are not ours to delete stay: a worker tries again whatever is raised.
         """
-        with self._engine.begin() as connection:
+        with self._means.engine.begin() as connection:
             canceled = attempts.acknowledge_cancel(connection, self._job, self._keep_seconds)
             if lost:  # either puts back what has not ended
                 attempts.lose(connection, self._job)
@@ -73,7 +72,7 @@ class Outcome:
                 attempts.release(connection, self._job)
             row = jobs.find(connection, self._job.id)
         if canceled:
-            self._log.info("canceled")
+            self._means.log.info("canceled")
             tracing.note("outcome", "canceled")
         if row is None:
             self._clear(job_key(self._job.id))
@@ -87,7 +86,7 @@ class Outcome:
         """Write the job's end, once the database is there; whether it counts."""
 
         def write() -> bool:
-            with self._engine.begin() as connection:
+            with self._means.engine.begin() as connection:
                 counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
                 return counts or self._counted(connection)
 
@@ -110,10 +109,10 @@ class Outcome:
         # What is left of them here goes with the job.
         with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
-                self._storage.delete_below(results_key(self._job.id, lost))
+                self._means.storage.delete_below(results_key(self._job.id, lost))
                 if self._job.capture and not self._job.has_pair_of(lost):
-                    self._storage.delete_below(captured_key(self._job.id, lost))
+                    self._means.storage.delete_below(captured_key(self._job.id, lost))
 
     def _clear(self, prefix: str) -> None:
-        if not self._storage.try_delete_below(prefix):
-            self._log.warning("files of an attempt that does not count cannot be deleted")
+        if not self._means.storage.try_delete_below(prefix):
+            self._means.log.warning("files of an attempt that does not count cannot be deleted")

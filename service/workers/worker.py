@@ -33,6 +33,7 @@ from service.settings import Settings
 from service.workers import capturing, host, sandbox, scratch
 from service.workers.attempt import Attempt
 from service.workers.in_hand import InHand
+from service.workers.means import Means
 from service.workers.processes import die_with_parent
 from service.workers.upkeep import Upkeep
 
@@ -187,14 +188,9 @@ class Worker:
             return held, True if is_over(connection, job) else None
 
     def _start(self, job: jobs.Job) -> Attempt:
-        return Attempt(
-            job,
-            self._engine,
-            self._storage,
-            self._settings,
-            self._fork_server,
-            self._in_hand.is_stopping,
-        )
+        ending = self._in_hand.is_stopping
+        means = Means.of(job, self._engine, self._storage, self._settings, ending)
+        return Attempt(means, self._fork_server)
 
     def _finish(self, job: jobs.Job, attempt: Attempt, again: int) -> bool:
         """Do what is left of a job; whether it was queued once more, for a newer worker."""

@@ -8,6 +8,7 @@ from service.object_keys import inputs_key
 from service.rows import jobs
 from service.settings import Settings
 from service.workers.attempt import Attempt
+from service.workers.means import Means
 from tests.unit.service.job_rows import added_pair, claim
 
 
@@ -16,14 +17,9 @@ def attempt_at(
 ) -> Attempt:
     """An attempt at a job that was claimed. settings: in place of those of the context."""
     assert held is not None
-    return Attempt(
-        held,
-        context.engine,
-        context.storage,
-        settings or context.settings,
-        context.fork_server,
-        lambda: False,
-    )
+    given = settings or context.settings
+    means = Means.of(held, context.engine, context.storage, given, lambda: False)
+    return Attempt(means, context.fork_server)
 
 
 def attempt_once(context: Context) -> jobs.Job | None:

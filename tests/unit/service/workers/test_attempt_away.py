@@ -20,6 +20,7 @@ from service.storage.base import Storage
 from service.storage.folder import FolderStorage
 from service.workers import sandbox
 from service.workers.attempt import Attempt
+from service.workers.means import Means
 from service.workers.stopping import Stopping
 from service.workers.tasks import RESULTS, Task
 from tests.unit.service.asking import stored, stored_job
@@ -145,8 +146,7 @@ def test_a_worker_that_ends_while_a_result_goes_to_the_store_costs_the_job_nothi
     with context.engine.begin() as connection:
         held = attempts.claim(connection, job_id, "w")
     assert held is not None
-    server, settings = context.fork_server, context.settings
-    parts = (context.engine, context.storage, settings, server)
-    Attempt(held, *parts, lambda: bool(ends)).run()
+    parts = (context.engine, context.storage, context.settings)
+    Attempt(Means.of(held, *parts, lambda: bool(ends)), context.fork_server).run()
     job = stored(context.engine, job_id)
     assert (job.state, job.attempt, job.lost, stored_files) == (State.QUEUED, 1, 0, [])

@@ -196,7 +196,7 @@ def test_a_request_waits_in_the_row(
         with context.engine.begin() as connection:
             assert jobs.confirm(connection, "a")
 
-    monkeypatch.setattr(attempt._stopping, "pause", confirm)
+    monkeypatch.setattr(attempt._means.stopping, "pause", confirm)
     assert capturing.ask_operator(attempt._means, "Switch it off.", 60, lambda: False) is True
     assert _job(context).state == State.RUNNING
 

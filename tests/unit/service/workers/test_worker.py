@@ -39,7 +39,7 @@ def _find(one: Worker) -> jobs.Job:
 
 
 def _ends(attempt: Attempt, *_pass_on: object) -> None:
-    with attempt._engine.begin() as connection:
+    with attempt._means.engine.begin() as connection:
         assert attempts.succeed(connection, attempt._job, [])
 
 
