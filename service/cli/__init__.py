@@ -58,10 +58,10 @@ def _run_or_explain(arguments: Sequence[str]) -> int:
         if ended := signals.exit_code():
             return ended
         from service.cli.explain import explain
-        from service.cli.files import shown
+        from service.cli.files import say
 
         sentence, code = explain(error)
-        print(shown(sentence), file=sys.stderr)
+        say(sentence)
         return code
 
 
@@ -71,14 +71,14 @@ def _run(arguments: Sequence[str]) -> int:
 
     from pipeline.errors import own_words
     from service.cli.commands import app
-    from service.cli.files import shown
+    from service.cli.files import say
 
     given = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
     try:
         return app(given, prog_name="lightlayers", standalone_mode=False) or 0
     except typer.TyperException as error:
         message = own_words(error.format_message())
-        print(shown(" ".join(message.split()).rstrip(".") + "."), file=sys.stderr)
+        say(" ".join(message.split()).rstrip(".") + ".")
         return error.exit_code
     except typer.Abort:
         return 130

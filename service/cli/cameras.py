@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import shown
+from service.cli.files import say, shown
 from service.cli.parameters import (
     AsJson,
     a_number,
@@ -27,7 +27,6 @@ from service.cli.shooting import (
     ending,
     new_shot,
     paced,
-    say,
 )
 
 if TYPE_CHECKING:
@@ -254,7 +253,7 @@ def simcam(
             try:
                 camera.order(line)
             except drivers.BadAddressError as error:
-                print(error, file=sys.stderr)
+                say(str(error))
             else:
                 print(line.strip(), flush=True)
         signal.pause()  # stdin is at its end: it serves until it is stopped

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ import typer
 
 from pipeline.result_names import MANIFEST
 from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
-from service.cli.files import read_file, shown
+from service.cli.files import read_file, say, shown
 from service.cli.loading import loading
 from service.cli.options import (
     Flags,
@@ -195,7 +194,7 @@ def submit(
             manifest = json.loads((folder / MANIFEST).read_bytes())
     except BaseException:  # Ctrl-C, too, and a disk that is full
         if job:
-            print(f"The job is {job['id']}.", file=sys.stderr)  # it may end without us
+            say(f"The job is {job['id']}.")  # it may end without us
         raise
     print_results(manifest, output, as_json)
 

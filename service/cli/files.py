@@ -1,9 +1,10 @@
-"""Files that people name: read, shown, and where one is to be written."""
+"""Files that people name, read and shown, what is said of them, and where to write one."""
 
 from __future__ import annotations
 
 import contextlib
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +20,11 @@ def shown(text: object) -> str:
     What is no UTF-8 stays as it is.
     """
     return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+
+
+def say(sentence: str) -> None:
+    """Tell the person at the terminal."""
+    print(shown(sentence), file=sys.stderr, flush=True)
 
 
 def read_file(path: Path, what: str) -> bytes:

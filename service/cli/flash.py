@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import drivers
 from service.cli.enter import await_enter, forget_typed
-from service.cli.shooting import say
+from service.cli.files import say
 
 
 def flash_switch(text: str, settle_s: float, tell: Callable[[str], None] = say) -> drivers.Flash:

@@ -19,10 +19,10 @@ from pipeline.progress import Progress
 from service.cli import signals
 from service.cli.display import chip_of, print_json, stage_bar, temperature_of
 from service.cli.explain import explain
-from service.cli.files import read_file, shown
+from service.cli.files import read_file, say, shown
 from service.cli.keeping import kept_for
 from service.cli.results_folder import new_results
-from service.cli.shooting import RECIPE, say
+from service.cli.shooting import RECIPE
 
 _NO_FLASH, _FLASH = "_no_flash.", "_flash."
 _HOLD_LESS: Mapping[Kind | None, int] = {"JPEG": 0, "HEIF": 1}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.cli.files import read_file, shown
+from service.cli.files import read_file, say
 from service.cli.parameters import a_number
 
 if TYPE_CHECKING:
@@ -22,11 +21,6 @@ if TYPE_CHECKING:
 
 RECIPE = "_recipe.json"
 """How the names of recipes end."""
-
-
-def say(sentence: str) -> None:
-    """Tell the person at the terminal."""
-    print(shown(sentence), file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli import keys
-from service.cli.files import read_file, shown
+from service.cli.files import read_file, say, shown
 from service.cli.parameters import KeyFile, a_number, with_flags
-from service.cli.shooting import ShootingFlags, say
+from service.cli.shooting import ShootingFlags
 from service.cli.taking import Taking
 
 if TYPE_CHECKING:
