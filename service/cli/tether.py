@@ -140,7 +140,8 @@ def _options(path: Path | None) -> dict[str, Any]:
     if not isinstance(asked, dict):
         raise InputError(f'The file of options {path} is no JSON object like {{"lights": 2}}.')
     try:
-        Options.model_validate(take_out(asked)[0])  # only the service knows calibrations, names
+        # only the service knows calibrations and names; the rest as it reads it: "2" is no number
+        Options.model_validate_json(json.dumps(take_out(asked)[0]), strict=True)
     except ValidationError as error:
         raise OptionError(f"The file of options {path}: {sentence_of(error)}") from error
     return asked

@@ -387,6 +387,8 @@ def test_what_cannot_be_used_is_one_sentence(
     ("text", "words"),
     [
         ('{"lights": 7}', ": lights: more than three lamps"),
+        ('{"exposure_ratio": "1.5"}', ": exposure_ratio: Input should be a valid number."),
+        ('{"flash_only": 1}', ": flash_only: Input should be a valid boolean."),
         ('{"colour": 1}', ": colour: this name is not known."),
         ('{"camra": {"calibration": "a"}}', ": camra: this name is not known."),
         ('{"lights": {"calibration": "a"}}', ": lights: Input should be"),
