@@ -103,6 +103,21 @@ def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> N
     assert (again.attempt, again.lost) == (2, 0)
 
 
+def test_an_attempt_that_was_put_back_or_has_ended_writes_nothing(engine: sa.Engine) -> None:
+    """Its number is that of the row until the next one begins."""
+    added(engine, "a")
+    for end in (attempts.release, lambda *of: attempts.fail(*of, {})):
+        held = claimed(engine, "a", "w1")
+        with engine.begin() as connection:
+            assert end(connection, held)
+        before = stored(engine, "a")
+        with engine.begin() as connection:
+            attempts.report(connection, held, "decode", 0.5)
+            assert not attempts.set_inputs(connection, held, {}, 1, None)
+            assert attempts.must_stop(connection, held)
+        assert stored(engine, "a") == before
+
+
 def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
     added(engine, "a")
     claimed(engine, "a", "w1")
