@@ -33,6 +33,12 @@ def positions(connection: sa.Connection, shown: Iterable[Job]) -> dict[str, int]
     places: dict[str, int] = {}
     for camera, those in queued.items():
         keys = {job.id: (job.rank, job.created, job.id) for job in those}
+        if len(keys) == 1:  # as most clients ask, again and again: nothing of the others is read
+            ((job_id, key),) = keys.items()
+            waits, earlier = queues.waits_in_queue(camera), sa.tuple_(*_ORDER) < key
+            count = sa.select(sa.func.count()).where(waits, earlier)
+            places[job_id] = connection.execute(count).scalar_one() + 1
+            continue
         ahead = sa.and_(queues.waits_in_queue(camera), sa.tuple_(*_ORDER) <= max(keys.values()))
         # as far as the last of them; one may have left since it was read, which has a place, too
         queue = sorted(map(tuple, connection.execute(sa.select(*_ORDER).where(ahead))))

@@ -40,6 +40,18 @@ def test_the_places_of_a_queue_are_told_by_one_query_by_its_index(engine: sa.Eng
     assert not any("TEMP B-TREE" in plan for plan in found)
 
 
+def test_the_place_of_one_job_is_counted_by_the_index(engine: sa.Engine) -> None:
+    queue = [added(engine, job_id) for job_id in "abc"]
+    capture = [added(engine, job_id, camera="studio", capture={}) for job_id in "de"][1]
+    with engine.connect() as connection:
+        for place, job in enumerate(queue, 1):
+            assert waiting.positions(connection, [job]) == {job.id: place}
+        with plans(engine) as found:
+            places = waiting.positions(connection, [queue[2], capture])
+    assert places == {"c": 3, "e": 2}
+    assert all("INDEX jobs_by_rank" in plan and "TEMP" not in plan for plan in found)
+
+
 def test_a_job_that_was_begun_since_it_was_read_has_the_place_that_it_had(
     engine: sa.Engine,
 ) -> None:
