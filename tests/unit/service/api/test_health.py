@@ -54,6 +54,16 @@ def test_a_service_without_its_store_is_alive_but_not_ready(
     assert _not_ready(http) == "The service is not ready: the store of photographs does not answer."
 
 
+def test_a_service_whose_disk_is_full_is_ready_to_have_jobs_deleted(
+    http: httpx.Client, context: Context, server: tuple[FastAPI, str]
+) -> None:
+    app, _ = server
+    full = context.settings.model_copy(update={"free_bytes": 2**62})
+    app.state.context = replace(context, settings=full)
+    assert problem_of(http.post("/jobs"))[:2] == (507, "storage-full")
+    assert http.get("/readyz").status_code == 200
+
+
 def test_a_store_that_hangs_is_told_soon(
     http: httpx.Client,
     context: Context,
