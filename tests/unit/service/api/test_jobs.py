@@ -262,6 +262,17 @@ class TestSmallLimits:
         assert "100,000 bytes" in detail and "raise LIGHTLAYERS_UPLOAD_BYTES" in detail
         assert context.storage.list("") == []
 
+    def test_a_large_upload_is_refused_before_anything_of_it_has_come(
+        self, http: httpx.Client
+    ) -> None:
+        place = (http.base_url.host, http.base_url.port)
+        with socket.create_connection(place, 10) as raw:
+            raw.sendall(
+                b"POST /jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100001\r\n"
+                b"Content-Type: multipart/form-data; boundary=edge\r\n\r\n"
+            )
+            assert raw.recv(64).startswith(b"HTTP/1.1 413 ")
+
     def test_a_large_upload_of_unknown_length_is_refused(self, http: httpx.Client) -> None:
         def body() -> Iterator[bytes]:
             yield b'--edge\r\nContent-Disposition: form-data; name="flash"; filename="a"\r\n\r\n'
