@@ -57,6 +57,15 @@ def rows_of(context: Context) -> list[jobs.Job]:
         return jobs.page(connection, "", 100, None)
 
 
+def queued(context: Context) -> list[str]:
+    """Ids of what waits in the queues."""
+    with context.engine.connect() as connection:
+        found = connection.exec_driver_sql(
+            "SELECT workflow_uuid FROM workflow_status WHERE status = 'ENQUEUED'"
+        )
+        return list(found.scalars())
+
+
 def problem_of(answer: httpx.Response) -> tuple[int, str, str]:
     """Status, kind and sentence; checks what every problem has."""
     assert answer.headers["content-type"] == "application/problem+json"

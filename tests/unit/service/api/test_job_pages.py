@@ -4,7 +4,7 @@ import httpx
 import pytest
 
 from service.api.context import Context
-from tests.unit.service.asking import post_capture, problem_of
+from tests.unit.service.asking import bearing, owner_of, post_capture, problem_of
 from tests.unit.service.job_rows import added
 
 
@@ -35,6 +35,19 @@ def test_a_page_is_shorter_where_jobs_have_long_options(
     listed = [[job["id"] for job in page.json()["jobs"]] for page in pages]
     assert listed == [made[:1:-1], made[1::-1]]
     assert all(len(page.content) < 5_000_000 for page in pages)
+
+
+def test_a_page_is_no_shorter_for_the_long_options_of_others(
+    http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "read")
+    for number in range(6):
+        added(context.engine, f"{number:032x}", owner=owner_of(key))
+        added(context.engine, f"f{number:031x}", options={"camera": "x" * 2_000_000})
+
+    page = http.get("/jobs?limit=6", headers=key).json()
+
+    assert (len(page["jobs"]), page["next"]) == (6, None)
 
 
 def test_a_page_begins_where_the_one_before_ended_though_that_job_is_deleted(

@@ -17,7 +17,7 @@ from service.rows import attempts, expiry, jobs
 from service.settings import Settings
 from tests.jpeg_xl import in_jpeg_xl
 from tests.png_bombs import png_of
-from tests.unit.service.asking import bearing, post_capture, post_pair, problem_of
+from tests.unit.service.asking import bearing, post_capture, post_pair, problem_of, queued
 from tests.unit.service.studio import PATH, hold, with_cameras
 
 Png = Callable[..., bytes]
@@ -301,13 +301,15 @@ def test_a_job_that_is_not_there_is_a_problem(method: str, path: str, http: http
     assert "'nothing'" in detail
 
 
-def test_a_queued_job_can_be_canceled(http: httpx.Client) -> None:
+def test_a_queued_job_can_be_canceled(http: httpx.Client, context: Context) -> None:
     job = post_capture(http)
+    assert len(queued(context)) == 1
     answer = http.post(job["links"]["cancel"])
     assert (answer.status_code, answer.json()["state"]) == (202, "canceled")
     assert answer.json()["links"]["cancel"] is None
     assert answer.json()["position"] is None
     assert http.post(f"/jobs/{job['id']}/cancel").json()["state"] == "canceled"
+    assert queued(context) == []
 
 
 def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Context) -> None:
@@ -316,7 +318,7 @@ def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Con
     assert (answer.status_code, answer.content) == (204, b"")
     assert http.get(job["links"]["self"]).status_code == 404
     assert http.get("/jobs").json()["jobs"] == []
-    assert context.storage.list("") == []
+    assert (context.storage.list(""), queued(context)) == ([], [])
 
 
 @pytest.mark.parametrize("state", ["canceled", "queued"])

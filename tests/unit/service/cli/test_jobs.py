@@ -15,7 +15,7 @@ from service.object_keys import describe_inputs, inputs_key
 from service.rows import attempts, cameras, jobs, keys, tables
 from service.rows.states import State
 from service.settings import Settings
-from tests.unit.service.asking import bearing, owner_of, stored
+from tests.unit.service.asking import bearing, owner_of, queued, stored
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_a_failed_job_is_made_anew(context: Context, capsys: pytest.CaptureFixtu
     assert new.trace_id != old.trace_id
     assert new.inputs == describe_inputs(new_id, dict.fromkeys(FRAMES, "digest"))
     assert context.storage.get(inputs_key(new_id, "flash")) == b"flash"
-    assert new_id in _queued(context)
+    assert new_id in queued(context)
 
 
 def test_a_captured_job_is_made_anew_with_its_pair(
@@ -130,7 +130,7 @@ def test_a_captured_job_is_made_anew_with_its_pair(
     )
     with context.engine.connect() as connection:
         assert cameras.count_waiting(connection, camera) == 0
-    assert new_id in _queued(context)  # for a worker, and not for the camera
+    assert new_id in queued(context)  # for a worker, and not for the camera
 
 
 def test_a_job_beyond_the_quotas_of_its_owner_is_not_made_anew(
@@ -143,14 +143,6 @@ def test_a_job_beyond_the_quotas_of_its_owner_is_not_made_anew(
     assert run(["jobs", "retry", "a"]) == 2
     assert "This key may make 0 jobs a day" in capsys.readouterr().err
     assert context.storage.list("jobs/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
-
-
-def _queued(context: Context) -> list[str]:
-    with context.engine.connect() as connection:
-        found = connection.exec_driver_sql(
-            "SELECT workflow_uuid FROM workflow_status WHERE status = 'ENQUEUED'"
-        )
-        return list(found.scalars())
 
 
 def test_a_job_that_may_still_run_is_not_made_anew(
@@ -177,7 +169,7 @@ def test_a_waiting_job_is_canceled(context: Context, capsys: pytest.CaptureFixtu
     assert run(["jobs", "cancel", "a"]) == 0
     assert capsys.readouterr().out == "canceled\n"
     assert stored(context.engine, "a").state == State.CANCELED
-    assert _queued(context) == []
+    assert queued(context) == []
 
 
 def test_a_canceled_job_is_kept_no_longer_than_others(
