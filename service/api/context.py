@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
@@ -45,7 +44,7 @@ class Context:
     job_updates: JobUpdates
     camera_discovery: CameraDiscovery
     checks: threading.Semaphore = field(
-        default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
+        default_factory=lambda: threading.Semaphore(sandbox.processors())
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
     storing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_STORING_THREADS))
@@ -88,7 +87,7 @@ def open_context(settings: Settings) -> Iterator[Context]:
         stack.callback(engine.dispose)
         queue = Queue(engine)
         stack.callback(queue.close)
-        server = sandbox.fork_server(os.cpu_count() or 1, pairs=False)
+        server = sandbox.fork_server(sandbox.processors(), pairs=False)
         stack.callback(server.close)
         storage, job_updates = open_storage(settings), JobUpdates(engine, settings)
         camera_discovery = CameraDiscovery(engine, settings, server)

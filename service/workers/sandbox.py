@@ -43,6 +43,11 @@ class TaskError(Exception):
         self.problem = problem
 
 
+def processors() -> int:
+    """How many processors there are for this process, which in a container may be few of many."""
+    return int(cv2.getNumberOfCPUs())
+
+
 def fork_server(at_once: int, pairs: bool) -> ForkServer:
     """Make the server of the processes that tasks run in, for so many tasks at once.
 
@@ -50,7 +55,7 @@ def fork_server(at_once: int, pairs: bool) -> ForkServer:
     They share the processors: each has as many threads as there are processors for it. Variables
     that the operator has set stay.
     """
-    threads = str(max(cv2.getNumberOfCPUs() // at_once, 1))
+    threads = str(max(processors() // at_once, 1))
     shares = {name: os.environ.get(name, threads) for name in _THREADS}
     return ForkServer((*_COMMAND, PAIRS) if pairs else _COMMAND, shares)
 
