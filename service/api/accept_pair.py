@@ -10,7 +10,7 @@ from obstore.exceptions import BaseError
 from pipeline.errors import OptionError, UnreadableImageError
 from service.allowed import check_webhook
 from service.api.accepted_job import Accepted
-from service.api.admission import refuse_when_full
+from service.api.admission import replay_or_admit
 from service.api.commit_job import commit
 from service.api.context import Context
 from service.api.idempotency import hash_of, replay
@@ -44,14 +44,14 @@ def accept_pair(submission: Submission, wanted: Intake) -> Accepted:
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
     UnfinishedUploadError for uploads that cannot be used, what complete and check_spectra raise,
     TaskError or UnreadableImageError when the headers of the pair cannot be, UnreadyError when they
-    were not read for want of time or memory, NoProcessError, and what refuse_when_full, replay and
-    commit raise.
+    were not read for want of time or memory, NoProcessError, and what replay_or_admit and commit
+    raise.
     """
     context, caller = submission.context, submission.caller
     caller.need(Scope.SUBMIT)
-    refuse_when_full(submission)  # an upload may have taken long
     request_hash = hash_of(wanted)
-    if earlier := replay(submission, request_hash):
+    # The second look for room: an upload may have taken long.
+    if earlier := replay_or_admit(submission, request_hash):
         return earlier
     # After the replay: settings may have allowed it then.
     check_webhook(context.settings, wanted.handling.webhook_url)

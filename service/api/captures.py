@@ -14,7 +14,7 @@ from pipeline.errors import OptionError, counted
 from pipeline.options import Options
 from service.allowed import check_camera, check_flash, check_webhook
 from service.api.accepted_job import Accepted
-from service.api.admission import refuse_when_full
+from service.api.admission import replay_or_admit
 from service.api.callers import Caller, find
 from service.api.commit_job import make_row
 from service.api.context import Context
@@ -57,14 +57,13 @@ class Pairs:
 def accept_capture(submission: Submission, wanted: Intake) -> Accepted:
     """Queue one pair.
 
-    Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what complete,
-    refuse_when_full and replay raise.
+    Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what complete
+    and replay_or_admit raise.
     """
     submission.caller.need(Scope.CAPTURE)
     assert wanted.capture is not None
     request_hash = hash_of(wanted)
-    refuse_when_full(submission)
-    if earlier := replay(submission, request_hash):
+    if earlier := replay_or_admit(submission, request_hash):
         return earlier
     options = complete(submission.context, submission.caller, wanted.options, wanted.calibrations)
     pairs = Pairs(wanted.capture, options, wanted.handling)
@@ -82,8 +81,7 @@ def accept_captures(
     asked = as_asked(wanted)
     options = asked.pop("options", {}) | named
     request_hash = digest({"camera": camera, "wanted": asked | {"options": options}})
-    refuse_when_full(submission, wanted.pairs)
-    if earlier := replay(submission, request_hash):
+    if earlier := replay_or_admit(submission, request_hash, wanted.pairs):
         return earlier
     pairs = _pairs(submission.context, submission.caller, camera, wanted, named)
     return _commit(submission, pairs, request_hash)

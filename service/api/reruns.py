@@ -11,11 +11,11 @@ from service.allowed import check_webhook
 from service.answers import JobAnswer
 from service.api import intake
 from service.api.accepted_job import Accepted, accepted
-from service.api.admission import refuse_when_full
+from service.api.admission import replay_or_admit
 from service.api.bodies import json_content
 from service.api.callers import find
 from service.api.commit_job import commit
-from service.api.idempotency import as_asked, digest, replay
+from service.api.idempotency import as_asked, digest
 from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
 from service.api.named_calibrations import fill_in
@@ -57,10 +57,9 @@ async def rerun_job(
 def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accepted:
     """Copy the pair for good, then commit row and queue entry together."""
     context, caller = submission.context, submission.caller
-    refuse_when_full(submission)
     request_hash = digest({"rerun": job_id, "wanted": as_asked(wanted)})
     # Before the job is looked at, which may have been deleted since the first answer got lost.
-    if earlier := replay(submission, request_hash):
+    if earlier := replay_or_admit(submission, request_hash):
         return earlier
     check_webhook(context.settings, wanted.webhook_url)
     with context.engine.connect() as connection:
