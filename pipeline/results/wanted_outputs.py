@@ -13,7 +13,7 @@ from pipeline.hui2018.normals import inverse_directions
 from pipeline.images.frames import Photograph
 from pipeline.images.quantiles import quantile
 from pipeline.matrixfit.fit import MOST_LAMPS
-from pipeline.options import LampCount, Options
+from pipeline.options import NO_SETUP, LampCount, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
 from pipeline.photometric_stereo.directions import unit_directions
 from pipeline.result_names import LAYERS
@@ -48,10 +48,11 @@ def check_directions(options: Options, left_out: Sequence[RunWarning] = ()) -> N
         check = inverse_directions if options.method == "paper" else unit_directions
         check(lights)
     elif isinstance(options.outputs, list):
+        setup = "a set-up" if options.setup == NO_SETUP else f"the set-up {options.setup!r}"
         raise OptionError(
-            f"The output {min(facing)} needs the lamps' directions: give light "
-            "directions, or calibrate the lamps of this camera and set-up with photographs of this "
-            "kind and way up first." + "".join(f" {warning.message}" for warning in left_out)
+            f"The output {min(facing)} needs the lamps' directions: give light directions, or "
+            f"calibrate the lamps of this camera for {setup} with photographs of this kind and way "
+            "up first." + "".join(f" {warning.message}" for warning in left_out)
         )
 
 

@@ -48,6 +48,15 @@ def test_normals_by_name_need_directions(name: str) -> None:
         check_directions(Options.model_validate({"outputs": unnamed}))
 
 
+@pytest.mark.parametrize(
+    ("setup", "told"),
+    [("tabel", "for the set-up 'tabel' with"), ("none", "for a set-up with")],
+)
+def test_the_set_up_is_named_for_which_lamps_were_to_be_kept(setup: str, told: str) -> None:
+    with pytest.raises(OptionError, match=f"calibrate the lamps of this camera {told}"):
+        check_directions(Options(outputs=["normals.png"], setup=setup))
+
+
 def test_why_kept_lamps_are_left_out_is_told_where_they_are_needed() -> None:
     left_out = [RunWarning(Code.KEPT_UNUSABLE, "The lamps kept as 'a' were left out.")]
 
