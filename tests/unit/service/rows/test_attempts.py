@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -106,7 +107,7 @@ def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> N
 def test_an_attempt_that_was_put_back_or_has_ended_writes_nothing(engine: sa.Engine) -> None:
     """Its number is that of the row until the next one begins."""
     added(engine, "a")
-    for end in (attempts.release, lambda *of: attempts.fail(*of, {})):
+    for end in (attempts.release, partial(attempts.fail, error={})):
         held = claimed(engine, "a", "w1")
         with engine.begin() as connection:
             assert end(connection, held)
