@@ -21,6 +21,7 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.light.model import Model
+from pipeline.matrixfit.contrasts import MANY
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, FitInput
 from pipeline.matrixfit.fourth_lamp import any_is_another_again, gain_of_fourth
@@ -47,7 +48,6 @@ _WITHIN_COLOURS = 0.04  # of what one lamp leaves over, that surfaces of one col
 _LIKELY_ONE = 0.8  # confidence in one lamp, where colours or gloss explain as much as a second
 _STILL_LEFT = 0.62  # by several lamps, of what one leaves
 _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
-_MANY = 600.0  # differences that count in full, as in the fit
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
 _NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
@@ -120,7 +120,7 @@ def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Floats64) -
     off = 0.0
     if evidence.has_edges:
         differences = evidence.differences
-        sure = min(len(differences) / _MANY, 1.0)  # a few are chance, and noise
+        sure = min(len(differences) / MANY, 1.0)
         off = sure * share_of_third(differences, matrices) / _THIRD_OFF
     if reduced.rendered:  # whose curve takes light out of the plane of two lamps
         return off - _THIRD_RENDERED

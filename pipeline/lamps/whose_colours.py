@@ -12,6 +12,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
 from pipeline.lamps.lamps import MIN_PIXELS
 from pipeline.light.model import Model
+from pipeline.matrixfit.contrasts import MANY
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, FitInput, first_fit
 from pipeline.matrixfit.known import nothing_known
@@ -24,7 +25,6 @@ from pipeline.spectra.lights import reflectance_spectra
 _TELLING_LAMPS = 2  # one lamp leaves the outline to chance, and any camera explains it
 _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 # Chosen on development rooms (docs/trials/whose_colours.md)
-_MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
 _BETTER_RENDERED = (
@@ -208,7 +208,7 @@ class _Fits:
 
         others: with the cost by which each must be likelier.
         """
-        if len(self.evidence.differences) < _MANY_DIFFERENCES:
+        if len(self.evidence.differences) < MANY:
             return None
         costs = {
             self.cost(other) + least: other

@@ -23,13 +23,16 @@ from pipeline.matrixfit.chromaticities import (
 
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
+MANY = 600
+"""Contrasts of one kind that count in full; fewer are chance, and noise."""
+
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2))
 _SPACING = 256 / 3  # of the longer side: pixels compared lie 3 of 256 apart
 # Chosen on development scenes (docs/decisions/0005-fitted-lamps.md)
 _SAME_SURFACE = 0.006  # chromaticity under the flash, beyond its noise
 _MAX_NOISE = 0.05  # standard deviation of a contrast's chromaticity
 _MIN_COLOUR = -0.15  # chromaticity; what is below is no lamp's
-_WEIGHT, _MANY = 250.0, 600.0  # of all data of a kind together, and how many have all of it
+_WEIGHT = 250.0  # of all data of a kind together, where there are many
 
 
 @dataclass(frozen=True)
@@ -169,5 +172,5 @@ def drawn(parts: list[Chromaticities], count: int) -> Chromaticities:
         for name in ("x", "u", "covariance", "weight")
     )
     pick = draw(worth, count)
-    total = _WEIGHT * min(1.0, found / _MANY)
+    total = _WEIGHT * min(1.0, found / MANY)
     return Chromaticities(x[pick], u[pick], covariance[pick], np.full(len(pick), total / len(pick)))

@@ -299,7 +299,7 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     number: int,
 ) -> None:
     """A tenth of the differences off is worth 0.8 times 150, light beside both 1.3 for each e."""
-    monkeypatch.setattr(count, "_MANY", 1.0)
+    monkeypatch.setattr(count, "MANY", 1)
     monkeypatch.setattr(count, "share_of_third", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: beside)
 
@@ -324,7 +324,7 @@ def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
     number: int,
 ) -> None:
     """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
-    monkeypatch.setattr(count, "_MANY", 1.0)
+    monkeypatch.setattr(count, "MANY", 1)
     monkeypatch.setattr(count, "share_of_third", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: 0.1 * np.exp(-1.6 / 1.3) - 0.01)
     gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
