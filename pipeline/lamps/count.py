@@ -50,7 +50,6 @@ _STILL_LEFT = 0.62  # by several lamps, of what one leaves
 _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
-_NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
 _FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
 
 
@@ -65,12 +64,12 @@ class Count:
     confidence: float
 
 
-def count_lamps(given: FitInput, first: Callable[[int], Fit], fit: Callable[[int], Fit]) -> Count:
+def count_lamps(given: FitInput, fit: Callable[[int], Fit]) -> Count:
     """Count the lamps of a pair.
 
-    first: gives the fit of so many lamps, 1 to 3, that one search comes to (first_fit). fit: gives
-    the best one (fit_matrices), which takes several times as long for three. There are as many as
-    are pinned, and one, at least. Numbers of which every fit has a forbidden lamp are passed over;
+    fit: gives the fit of so many lamps, 1 to 3, that one search comes to (first_fit): those that
+    fit_matrices comes to for three take several times as long, and change no number. There are as
+    many as are pinned, and one, at least. Numbers whose fit has a forbidden lamp are passed over;
     where all of them are, it is the least, for the caller to refuse.
     """
     reduced, evidence = given.reduced, given.evidence
@@ -91,10 +90,8 @@ def count_lamps(given: FitInput, first: Callable[[int], Fit], fit: Callable[[int
         if not reduced.rendered and _passes_for_second(reduced, given.model, gain, fit):
             return Count(1, _LIKELY_ONE)
     if least < 3:
-        left = _left_by_two(reduced, evidence, fit(2).matrices)
-        third = left + _gain_of_third(reduced, evidence, fit(2), first(3))
-        if left > _SHOWN or third > _NO_THIRD:
-            third = left + _gain_of_third(reduced, evidence, fit(2), fit(3))
+        third = _left_by_two(reduced, evidence, fit(2).matrices)
+        third += _gain_of_third(reduced, evidence, fit(2), fit(3))
         three = _logistic(_THIRD_STEEPNESS * third)
         if third < 0:
             return Count(2, min(several, 1.0 - three))

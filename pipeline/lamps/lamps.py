@@ -123,7 +123,7 @@ def estimate_lamps(
     gammas = _invariants(reduced, model)
     fits = _Fits(given)
     if requested == "auto":
-        count = count_lamps(given, fits.first, fits.usual)
+        count = count_lamps(given, fits.first)
     else:
         count = Count(requested, confidence=1.0)
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
