@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.blocks import any_in_blocks
@@ -28,7 +29,9 @@ _WINDOW = 7  # over which the steps of both must agree
 _AGREEING = 0.95  # correlation of steps; edges of shadows are in one photograph alone
 _STRONG = 0.5  # quantile of the steps' squares in a window
 _CLIPPED_REACH, _BORDER = 9, 6
-_ROUNDS, _REWEIGHTED = 3, 6
+_ROUNDS, _SETTLED, _REWEIGHTED = 3, 0.05, 6
+_SAMPLED = 5_000  # blocks by which a round tells
+_SPARSE = 8  # blocks between those that tell quantiles
 _TUKEY, _MAD = 4.685, 1.4826  # as pipeline.pair.refine
 _PARTS = 4  # to a side, without each of which the blur is found anew: jackknife
 _FEW = 0.08  # of the blocks; fewer that agree tell nothing
@@ -116,14 +119,17 @@ def _compared(
     no_flash: Image, flash: Image, usable: Mask, covariance: Floats64 = _SHARP
 ) -> tuple[Floats64, Floats64] | None:
     """What _difference finds of two photographs, from a first covariance (2, 2) on."""
-    steps, usable, error = _steps(no_flash), _open_blocks(usable), None
+    steps, usable, result = _steps(no_flash), _open_blocks(usable), None
     for _ in range(_ROUNDS):
         more = _positive(covariance)
         found = _difference(steps, _steps(blurred(flash, blur_kernel(more))), usable)
         if found is None:
             return None
-        covariance, error = more + found[0], found[1]
-    return None if error is None else (covariance, error)
+        covariance = more + found[0]
+        result = covariance, found[1]
+        if np.abs(_positive(covariance) - more).max() < _SETTLED:
+            break
+    return result
 
 
 def _open_blocks(usable: Mask) -> Mask:
@@ -137,8 +143,8 @@ def _open_blocks(usable: Mask) -> Mask:
 
 def _steps(light: Image) -> Image:
     """Steps of reflectance (h, w, 3), relative to the light around."""
-    bright = np.quantile(light.reshape(-1, 3), _DARK_QUANTILE, axis=0).astype(np.float32)
-    around = cv2.GaussianBlur(light, (0, 0), _LOCAL) + _DARK * bright
+    bright = np.quantile(light.reshape(-1, 3)[::_SPARSE], _DARK_QUANTILE, axis=0)
+    around = cv2.GaussianBlur(light, (0, 0), _LOCAL) + np.float32(_DARK * bright)
     relative = cv2.GaussianBlur(light, (0, 0), _FINE) / around
     return np.asarray(relative - cv2.GaussianBlur(relative, (0, 0), _LOCAL), np.float32)
 
@@ -149,11 +155,12 @@ def _difference(steps: Image, other: Image, usable: Mask) -> tuple[Floats64, Flo
     Returns it, (2, 2), and the covariance (3, 3) of its entries xx, xy, yy; None where too little
     agrees. Robust least squares (Holland & Welsch 1977): first − other = ½ ∇·C∇ of their mean.
     """
-    telling = _agreeing(steps, other, usable)
-    if np.count_nonzero(telling) < _FEW * telling.size:
+    places = np.flatnonzero(_agreeing(steps, other, usable))
+    if len(places) < _FEW * usable.size:
         return None
-    slopes = _second_derivatives(np.float32(0.5) * (steps + other))[telling].reshape(-1, 3)
-    change = (steps - other)[telling].ravel().astype(np.float64)
+    places = places[:: -(-len(places) // _SAMPLED)]
+    slopes = _second_derivatives(np.float32(0.5) * (steps + other), places)
+    change = (steps - other).reshape(-1, 3)[places].ravel().astype(np.float64)
     weights: Floats64 = np.ones(len(change))
     entries: Floats64 = np.zeros(3)
     for _ in range(_REWEIGHTED):
@@ -162,7 +169,7 @@ def _difference(steps: Image, other: Image, usable: Mask) -> tuple[Floats64, Flo
         off = np.abs(change - slopes @ entries)
         far: Floats64 = off / (_TUKEY * _MAD * np.median(off) + 1e-12)
         weights = np.square(np.maximum(1 - far**2, 0.0))
-    part = np.repeat(_parts(telling.shape)[telling], 3)
+    part = np.repeat(_parts(usable.shape).ravel()[places], 3)
     return _matrix(entries), _jackknifed(slopes, change, weights, part)
 
 
@@ -174,16 +181,17 @@ def _agreeing(steps: Image, other: Image, usable: Mask) -> Mask:
     )
     if not usable.any():
         return usable
-    strong = others > np.quantile(others[usable], _STRONG)
+    strong = others > np.quantile(others[usable][::_SPARSE], _STRONG)
     alike = shared > _AGREEING * np.sqrt(np.maximum(own * others, 0.0))
     return np.asarray(usable & strong & alike)
 
 
-def _second_derivatives(steps: Image) -> Floats64:
-    """½ ∂²/∂x², ∂²/∂x∂y and ½ ∂²/∂y² of (h, w, 3), as (h, w, 3, 3), the last axis these."""
+def _second_derivatives(steps: Image, places: NDArray[np.intp]) -> Floats64:
+    """½ ∂²/∂x², ∂²/∂x∂y and ½ ∂²/∂y² of (h, w, 3) in some blocks, (3·blocks, 3)."""
     same, slope, bend = (np.array(taps) for taps in ([1.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]))
     kinds = ((bend, same), (slope, slope), (same, bend))
-    return np.stack([cv2.sepFilter2D(steps, cv2.CV_64F, x, y) for x, y in kinds], axis=-1)
+    filtered = (cv2.sepFilter2D(steps, -1, x, y).reshape(-1, 3)[places] for x, y in kinds)
+    return np.stack([one.ravel() for one in filtered], axis=-1).astype(np.float64)
 
 
 def _parts(shape: tuple[int, ...]) -> Floats64:
