@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published
-from pipeline.images.frames import Frame
+from pipeline.images.frames import Frame, Mask
 from pipeline.lamps.known_lamps import find_known
 from pipeline.lamps.lamps import Lamps, estimate_lamps
+from pipeline.lamps.shining import shining_warning, without_shining
 from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.output_names import outputs_with
@@ -27,7 +28,8 @@ class Estimate:
 
     reduced: what it was estimated from. model: of the camera taken. facing: None where no normals
     are wanted. changes: (N, 3, 3) of camera_changes, None where there is no other camera.
-    warnings: of the lamps and normals.
+    warnings: of the lamps and normals. shining: (h, w), what shines itself and is not usable in
+    reduced, None where nothing does.
     """
 
     reduced: ReducedPair
@@ -36,6 +38,7 @@ class Estimate:
     facing: Facing | None = None
     changes: Floats64 | None = None
     warnings: tuple[RunWarning, ...] = ()
+    shining: Mask | None = None
 
 
 def make_estimate(
@@ -54,8 +57,15 @@ def make_estimate(
     (find_known, estimate_lamps, find_facing), Canceled.
     """
     known = find_known(options, reduced, model)
-    lamps = estimate_lamps(reduced, model, options.number_of_lamps, options.method, known)
-    warnings = [*doubts(pair, reduced, lamps, options.method, wanted)]
+
+    def find(some: ReducedPair) -> Lamps:
+        return estimate_lamps(some, model, options.number_of_lamps, options.method, known)
+
+    lamps, shining, warnings = find(reduced), None, []
+    if options.method == "best" and (rest := without_shining(reduced, lamps, find)) is not None:
+        reduced, lamps, shining = rest.reduced, rest.lamps, rest.shining
+        warnings.append(shining_warning(float(shining.mean())))
+    warnings += doubts(pair, reduced, lamps, options.method, wanted)
     if options.method == "paper":
         warnings += doubts_of_published(reduced, lamps, model)
     facing = None
@@ -71,4 +81,4 @@ def make_estimate(
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)
-    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings))
+    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings), shining)

@@ -15,6 +15,7 @@ from pipeline.images.frames import Frame, release_photograph
 from pipeline.images.memory import release_rows, trim_memory
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.lamps.known_lamps import check_places
+from pipeline.lamps.shining import unusable_where
 from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 from pipeline.light.model import Model, build_model
 from pipeline.manifest_parts import write_manifest
@@ -88,7 +89,9 @@ def separate_files(
     if options.camera is None and undeclared(before):
         model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
-    lamps = estimate.lamps
+    lamps, reduced = estimate.lamps, estimate.reduced
+    if estimate.shining is not None:
+        pair = unusable_where(estimate.shining, pair, reduced.block)
     flattened = pair.tone_curve is not None
     warnings += [*pair.warnings, *camera_warnings(before, model.camera, named, flattened)]
     if named:

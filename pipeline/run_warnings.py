@@ -44,6 +44,7 @@ class Code(StrEnum):
     LAMPS_ALIKE = "lamps_alike"
     LAMPS_AMBIGUOUS = "lamps_ambiguous"
     REFLECTIONS = "reflections"
+    SHINES_ITSELF = "shines_itself"
     NO_PURE_LIGHT = "no_pure_light"
     LAYERS_IMPOSSIBLE = "layers_impossible"
     PIN_NOT_PURE = "pin_not_pure"

@@ -2,7 +2,7 @@
 
 import { h, toggle } from "./dom.js";
 
-const FILLED = ["flash_too_weak", "clipped"]; // where layers were filled in
+const FILLED = ["flash_too_weak", "clipped", "shines_itself"]; // where layers were filled in
 const UNEXPLAINED = ["reflections", "unexplained", "four_or_more", "moved", "not_aligned", "light_changed", "flicker"]; // residual.png shows them
 const LAMPS = ["lamps_alike", "lamps_ambiguous", "no_pure_light", "number_uncertain", "flash_like_lamps"]; // the diagram shows them
 const NUMBER = ["number_uncertain", "unexplained", "lamps_alike"]; // another number of lamps may be asked for

@@ -296,3 +296,42 @@ def test_a_photograph_on_a_scale_of_255_is_told_of(
     assert "above_white" in codes(told)
     assert "above_white" not in codes(silent)
     assert "above_white" not in codes(separated(files(), tmp_path / "one"))
+
+
+def test_a_screen_is_told_of_and_keeps_its_picture(
+    exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64, tmp_path: Path
+) -> None:
+    """Its left half is red, its right half blue, and the flash shows grey glass alone."""
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    place = (slice(20, 40), slice(30, 66))
+    shines = np.zeros((20, 36, 3), np.float32)
+    shines[:, :18], shines[:, 18:] = (0.3, 0.03, 0.02), (0.02, 0.05, 0.4)
+    light, part = pair.no_flash.copy(), pair.flash - pair.no_flash
+    light[place], part[place] = shines, 0.1 * np.median(part, axis=(0, 1))
+    names = ["confidence.tif", "white_balanced_1.tif"]
+
+    manifest = separated((tiff(light), tiff(light + part)), tmp_path, outputs=names)
+
+    assert "shines_itself" in codes(manifest)
+    (warning,) = (w for w in manifest["warnings"] if w["code"] == "shines_itself")
+    assert warning["figures"]["share"] == pytest.approx(22 * 38 / (64 * 96), abs=0.02)
+    confidence = tifffile.imread(tmp_path / "confidence.tif")
+    assert (confidence[place] == 0).all()
+    assert np.median(confidence) > 0.9 * confidence.max()
+    assert manifest["filled"] > 0.1
+    balanced = tifffile.imread(tmp_path / "white_balanced_1.tif")[place]
+    red, _, blue = np.moveaxis(balanced, 2, 0)
+    assert (red[:, 2:16] > 2 * blue[:, 2:16]).all()
+    assert (blue[:, 20:34] > 2 * red[:, 20:34]).all()
+
+
+def test_the_published_method_leaves_nothing_out(
+    exact: Callable[..., tuple[Any, Floats64]], warm_to_cool: Floats64, tmp_path: Path
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    light, part = pair.no_flash.copy(), pair.flash - pair.no_flash
+    light[20:40, 30:66], part[20:40, 30:66] = (0.02, 0.05, 0.4), 0.02
+
+    manifest = separated((tiff(light), tiff(light + part)), tmp_path, outputs=[], method="paper")
+
+    assert "shines_itself" not in codes(manifest)

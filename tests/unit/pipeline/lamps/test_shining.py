@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.arrays import Floats64
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.images.frames import Mask
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.shining import shining_warning, unusable_where, without_shining
+from pipeline.pair.reduced import ReducedPair
+from tests.reduced_pairs import HEIGHT, WIDTH, even, reduced_pair
+
+Build = Callable[..., Any]
+
+FLASH = np.array([0.5, 0.4, 0.3])
+LAMP = np.diag([1.0, 0.6, 0.3])
+SCREEN = (slice(10, 24), slice(20, 50))
+GLASS = 0.1  # of what walls reflect
+BLUE = np.array([0.02, 0.1, 0.5])
+
+
+@pytest.fixture
+def room() -> Callable[..., ReducedPair]:
+    """An even wall under one lamp, and on it a place of dark glass that shines."""
+
+    def build(
+        shines: Floats64 = BLUE, place: Any = SCREEN, glass: float = GLASS, **more: Any
+    ) -> ReducedPair:
+        light, flash = even(*(LAMP @ FLASH)), even(*FLASH)
+        light[place], flash[place] = glass * light[place] + shines, glass * flash[place]
+        return reduced_pair(light, flash, flash_only=True, **more)
+
+    return build
+
+
+@pytest.fixture
+def lamps(lamps_of: Build, warm_to_cool: Floats64) -> Lamps:
+    """The lamp on the wall."""
+    found: Lamps = lamps_of(warm_to_cool[:1], matrices=LAMP[None])
+    return found
+
+
+def rest_of(reduced: ReducedPair, lamps: Lamps, of_rest: Lamps | None = None) -> Mask | None:
+    """What shines itself where these lamps are found in all, and the others in the rest."""
+    found = without_shining(reduced, lamps, lambda _: of_rest or lamps)
+    return None if found is None else found.shining
+
+
+def test_a_screen_is_left_out_and_the_lamps_are_those_of_the_rest(
+    room: Callable[..., ReducedPair], lamps: Lamps, lamps_of: Build, warm_to_cool: Floats64
+) -> None:
+    """The lamps of the whole pair were dragged towards the screen and leave some of it."""
+    reduced, asked = room(), []
+    dragged = lamps_of(warm_to_cool[:1], matrices=np.diag([0.7, 0.6, 0.5])[None])
+
+    def estimate(rest: ReducedPair) -> Lamps:
+        asked.append(rest)
+        return lamps
+
+    found = without_shining(reduced, dragged, estimate)
+
+    assert found is not None
+    assert found.lamps is lamps
+    assert asked == [found.reduced]
+    assert found.shining[SCREEN].all()
+    assert found.shining.sum() == 16 * 32  # with its rim
+    np.testing.assert_array_equal(found.reduced.usable, ~found.shining)
+
+
+def test_dark_parts_of_its_picture_belong_to_a_screen(
+    room: Callable[..., ReducedPair], lamps: Lamps
+) -> None:
+    dark = np.zeros((14, 30, 3)) + BLUE
+    dark[4:9, 5:9] = 0.0
+
+    shining = rest_of(room(dark), lamps)
+
+    assert shining is not None
+    assert shining[SCREEN].all()
+
+
+@pytest.mark.parametrize(
+    "otherwise",
+    [
+        {"shines": np.zeros(3)},  # a dark thing
+        {"shines": 5 * LAMP @ FLASH},  # far off, under the same lamp
+        {"glass": 0.5},  # answers the flash
+        {"shines": BLUE / 20},  # hardly shines
+        {"place": (slice(10, 17), slice(20, 30))},  # a fiftieth of the picture
+        {"place": (slice(0, 40, 4), slice(None))},  # lines
+        {"place": (slice(0, 25), slice(None))},  # most of the picture
+        {"usable": np.zeros((HEIGHT, WIDTH), bool)},
+    ],
+)
+def test_nothing_is_left_out_of_others(
+    room: Callable[..., ReducedPair], lamps: Lamps, otherwise: dict[str, Any]
+) -> None:
+    assert rest_of(room(**otherwise), lamps) is None
+
+
+def test_a_place_that_its_own_lamp_explains_does_not_shine(
+    room: Callable[..., ReducedPair], lamps: Lamps, lamps_of: Build, warm_to_cool: Floats64
+) -> None:
+    """Of all lamps one lights that place alone: those of the rest do not have it."""
+    own = np.diag([0.3, 0.6, 1.0])
+    both = lamps_of(warm_to_cool[[0, 2]], matrices=np.stack([LAMP, own]))
+
+    assert rest_of(room(own @ FLASH), both, lamps) is None
+
+
+def test_the_rest_may_explain_a_place_that_wrong_lamps_did_not(
+    room: Callable[..., ReducedPair], lamps: Lamps, lamps_of: Build, warm_to_cool: Floats64
+) -> None:
+    wrong = lamps_of(warm_to_cool[:1], matrices=np.diag([0.7, 0.6, 0.5])[None])
+
+    assert rest_of(room(LAMP @ FLASH), wrong, lamps) is None
+
+
+@pytest.mark.parametrize(("blue", "left_out"), [(0.02, False), (0.06, True)])
+def test_more_must_be_left_over_of_a_rendering(
+    room: Callable[..., ReducedPair], lamps: Lamps, blue: float, left_out: bool
+) -> None:
+    """Which bends light: what is left of it by less blue than that tells of a screen elsewhere."""
+    reduced = room(0.4 * LAMP @ FLASH + np.array([0.0, 0.0, blue]))
+
+    assert rest_of(reduced, lamps) is not None
+    assert (rest_of(replace(reduced, rendered=True), lamps) is not None) == left_out
+
+
+@pytest.mark.parametrize("problem", [UnusablePairError("too little"), OptionError("forbidden")])
+def test_where_the_rest_tells_no_lamps_nothing_is_left_out(
+    room: Callable[..., ReducedPair], lamps: Lamps, problem: Exception
+) -> None:
+    def refuse(_: ReducedPair) -> Lamps:
+        raise problem
+
+    assert without_shining(room(), lamps, refuse) is None
+
+
+def test_its_pixels_become_unusable_beside_those_that_are(pair_of: Build) -> None:
+    """Blocks of 3 × 3 pixels; the picture has two columns and a row more than these."""
+    before = np.zeros((7, 11, 3), np.float32)
+    unusable = np.zeros((7, 11), bool)
+    unusable[6, 10] = True
+    pair = pair_of(before, before, unusable=unusable)
+    shining = np.array([[False, True, False], [False, False, True]])
+
+    found = unusable_where(shining, pair, 3).unusable
+
+    expected = np.zeros((7, 11), bool)
+    expected[:3, 3:6] = expected[3:6, 6:9] = expected[6, 10] = True
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(pair.unusable, unusable)
+
+
+def test_a_picture_smaller_than_its_block_is_unusable_as_a_whole(pair_of: Build) -> None:
+    before = np.zeros((2, 9, 3), np.float32)
+
+    found = unusable_where(np.ones((1, 3), bool), pair_of(before, before), 3)
+
+    assert found.unusable.all()
+
+
+def test_the_warning_says_where_and_what_to_do() -> None:
+    warning = shining_warning(0.123)
+
+    assert warning.code == "shines_itself"
+    assert warning.figures == {"share": 0.123}
+    assert "In 12.3% of the picture" in warning.message
+    assert "Switch it off" in warning.message
