@@ -254,7 +254,8 @@ def _held_against(
     blur = find_relative_blur(ratios, unusable)
     if blur is not None and blur.no_flash.any():
         kernel = blur_kernel(blur.no_flash)
-        after, unusable = blurred(after, kernel), unusable | blurred_mask(laid.unusable, kernel)
+        after = blurred(after, kernel, own=after is not flash.pixels)
+        unusable = unusable | blurred_mask(laid.unusable, kernel)
         noises = noises[0], noises[1].blurred(float(np.square(kernel).sum()))
         ratios = block_ratios(before, after, unusable, noises)
     settled, doubts = settled_ratio(ratio, ratios, rendered)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.blocks import any_in_blocks
+from pipeline.images.coded_image import CodedImage
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image
 from pipeline.pair.ratios import Ratios
@@ -80,10 +81,16 @@ def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
     return None if found is None else _surely(*found, ratios.block)
 
 
-def blurred(photograph: Photograph, kernel: Floats32) -> Image:
-    """Blur a photograph (H, W, 3) by a kernel (n, n): float32 (H, W, 3) in memory of its own."""
-    out = empty_image(*photograph.shape)
-    return np.asarray(cv2.filter2D(photograph[:], -1, kernel, dst=out, borderType=_MIRRORED))
+def blurred(photograph: Photograph, kernel: Floats32, own: bool = False) -> Image:
+    """Blur a photograph (H, W, 3) by a kernel (n, n): float32 (H, W, 3).
+
+    own: whether nobody else holds its pixels; it is then written over where it is an array.
+    """
+    light, out = photograph[:], None if isinstance(photograph, CodedImage) else photograph
+    if out is None or not own:
+        out = empty_image(*photograph.shape)
+    cv2.filter2D(light, -1, kernel, dst=out, borderType=_MIRRORED)
+    return out
 
 
 def blur_kernel(covariance: Floats64) -> Floats32:

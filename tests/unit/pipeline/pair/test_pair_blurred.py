@@ -14,7 +14,7 @@ from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur, blur_kernel, blurred
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.pairs_of_frames import paired
+from tests.unit.pipeline.pair.pairs_of_frames import lay_as_they_are, paired
 
 COVARIANCE = np.array([[2.0, 0.5], [0.5, 1.0]])
 SHAKEN = RelativeBlur(COVARIANCE, 0.0)
@@ -37,17 +37,23 @@ def found(monkeypatch: pytest.MonkeyPatch) -> Callable[[RelativeBlur], list[Rati
     return find
 
 
+@pytest.mark.parametrize("laid", [False, True])
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_the_flash_photograph_is_blurred_as_much_as_the_other(
     frames: Callable[..., tuple[Frame, Frame]],
     found: Callable[[RelativeBlur], list[Ratios]],
+    monkeypatch: pytest.MonkeyPatch,
     scale: float,
+    laid: bool,
 ) -> None:
+    """Also one that was laid on the other, in memory of its own."""
     before, after = frames(scale=scale)
     seen = after.pixels[:].copy()
     given = found(SHAKEN)
+    if laid:
+        lay_as_they_are(monkeypatch)
 
-    pair = paired((before, after), exposure_ratio=scale, align=False)
+    pair = paired((before, after), exposure_ratio=scale, align=laid)
 
     expected = blurred(seen / np.float32(scale), blur_kernel(COVARIANCE))
     np.testing.assert_allclose(pair.flash[:], expected, atol=1e-6)

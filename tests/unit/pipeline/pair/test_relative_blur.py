@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.arrays import Floats64
+from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Mask
 from pipeline.pair.relative_blur import (
     RelativeBlur,
@@ -153,6 +154,27 @@ def test_a_blur_is_in_memory_of_its_own_and_keeps_even_light() -> None:
 
     np.testing.assert_allclose(found, even, rtol=1e-6)
     assert not np.shares_memory(found, even)
+
+
+def test_a_photograph_that_nobody_else_holds_is_written_over() -> None:
+    light = np.random.default_rng(1).random((60, 50, 3), np.float32)
+    for kernel in (blur_kernel(SHAKEN), blur_kernel(9 * SHAKEN)):
+        expected, mine = blurred(light, kernel), light.copy()
+
+        found = blurred(mine, kernel, own=True)
+
+        assert np.shares_memory(found, mine)
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_code_values_stay_as_they_are() -> None:
+    codes = np.random.default_rng(1).integers(0, 256, (20, 30, 3), np.uint8)
+    coded = TableImage(codes.copy(), np.linspace(0, 1, 256, dtype=np.float32))
+
+    found = blurred(coded, blur_kernel(SHAKEN), own=True)
+
+    np.testing.assert_allclose(found, blurred(coded[:], blur_kernel(SHAKEN)), atol=1e-6)
+    np.testing.assert_array_equal(coded[:], codes / np.float32(255))
 
 
 def test_pixels_that_unusable_ones_were_blurred_into_are_unusable() -> None:
