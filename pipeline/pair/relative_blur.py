@@ -37,7 +37,7 @@ _TUKEY, _MAD = 4.685, 1.4826  # as pipeline.pair.refine
 _PARTS = 4  # to a side, without each of which the blur is found anew: jackknife
 _FEW = 0.08  # of the blocks; fewer that agree tell nothing
 _SURELY = 5.0  # standard errors
-_LEAST = 0.25  # variance; shadows seem to blur by up to .2
+_LEAST = 0.33  # variance; shadows, and laying by hand motion, seem to blur by up to .3
 _LEAST_OF_FLASH = 1.2  # the same of the flash photograph, which has shadows and gloss of its own
 _WIDEST = 3.5  # standard deviations that a kernel reaches
 _LOST = 0.1  # of a pixel's light that may come from unusable ones
@@ -69,7 +69,7 @@ def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
 
     ratios: of the flash photograph over the other; their scale does not matter. unusable: bool
     (H, W), of the pixels. Dark blocks count, too: outlines before them are as sharp in both.
-    Variances below a quarter of a block's side, squared, are not looked for: they cost little.
+    Variances below a third of a block's side, squared, are not looked for: they cost little.
     """
     no_flash = ratios.no_flash.astype(np.float32)
     flash = np.exp(ratios.logs).astype(np.float32) * no_flash
