@@ -33,7 +33,7 @@ from pipeline.pair.pair_warnings import (
     unsteady_warnings,
 )
 from pipeline.pair.ratios import block_ratios, brightening, darker_share
-from pipeline.pair.relative_blur import blur_kernel, blurred, blurred_mask, find_relative_blur
+from pipeline.pair.relative_blur import blurred, blurred_mask, find_relative_blur
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
@@ -253,10 +253,9 @@ def _held_against(
     ratios = block_ratios(before, after, unusable, noises)
     blur = find_relative_blur(ratios, unusable)
     if blur is not None and blur.no_flash.any():
-        kernel = blur_kernel(blur.no_flash)
-        after = blurred(after, kernel, own=after is not flash.pixels)
-        unusable = unusable | blurred_mask(laid.unusable, kernel)
-        noises = noises[0], noises[1].blurred(float(np.square(kernel).sum()))
+        after = blurred(after, blur.kernel, own=after is not flash.pixels)
+        unusable = unusable | blurred_mask(laid.unusable, blur.kernel)
+        noises = noises[0], noises[1].blurred(float(np.square(blur.kernel).sum()))
         ratios = block_ratios(before, after, unusable, noises)
     settled, doubts = settled_ratio(ratio, ratios, rendered)
     if settled.value != ratio.value:

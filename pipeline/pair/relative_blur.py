@@ -2,8 +2,9 @@
 
 A hand that shakes while the room's light is gathered, or a focus that differs, blurs one
 photograph; the flash freezes the other. What both show of the surfaces, steps relative to what
-lies around, then differs by a diffusion. Source: Favaro, Soatto, Burger & Osher, "Shape from
-Defocus via Diffusion", PAMI 2008, with one diffusion for the whole picture, in two dimensions.
+lies around, then differs by a diffusion, and by a shift: photographs are laid on each other by one
+end of a shake. Source: Favaro, Soatto, Burger & Osher, "Shape from Defocus via Diffusion", PAMI
+2008, with one diffusion for the whole picture, in two dimensions, and the shift beside it.
 """
 
 from __future__ import annotations
@@ -30,19 +31,20 @@ _WINDOW = 7  # over which the steps of both must agree
 _AGREEING = 0.95  # correlation of steps; edges of shadows are in one photograph alone
 _STRONG = 0.5  # quantile of the steps' squares in a window
 _CLIPPED_REACH, _BORDER = 9, 6
-_ROUNDS, _SETTLED, _REWEIGHTED = 3, 0.05, 6
+_ROUNDS, _SETTLED, _REWEIGHTED = 6, 0.05, 6
+_HALVINGS = 2  # of the size, where a wide blur leaves too little that agrees
 _SAMPLED = 5_000  # blocks by which a round tells
 _SPARSE = 8  # blocks between those that tell quantiles
 _TUKEY, _MAD = 4.685, 1.4826  # as pipeline.pair.refine
 _PARTS = 4  # to a side, without each of which the blur is found anew: jackknife
 _FEW = 0.08  # of the blocks; fewer that agree tell nothing
-_SURELY = 5.0  # standard errors
+_SURELY = 6.0  # standard errors
 _LEAST = 0.33  # variance; shadows, and laying by hand motion, seem to blur by up to .3
 _LEAST_OF_FLASH = 1.2  # the same of the flash photograph, which has shadows and gloss of its own
 _WIDEST = 3.5  # standard deviations that a kernel reaches
 _LOST = 0.1  # of a pixel's light that may come from unusable ones
 _MIRRORED = cv2.BORDER_REFLECT_101
-_SHARP: Floats64 = np.zeros((2, 2))
+_MIDDLE: Floats64 = np.zeros(2)
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,18 @@ class RelativeBlur:
     no_flash: float64 (2, 2), covariance over (x, y) in pixels² of the Gaussian by which the
     photograph without the flash is blurred more; all 0 where it is not. flash_px: standard
     deviation in pixels by which the flash photograph is blurred more, in the direction in which
-    it is most; 0 where it is not.
+    it is most; 0 where it is not. offset: (2,), from where (x, y) in the flash photograph the light
+    of the middle of the other's blur comes, in pixels: what laying the one on the other has left.
     """
 
     no_flash: Floats64
     flash_px: float
+    offset: Floats64
+
+    @property
+    def kernel(self) -> Floats32:
+        """What the flash photograph is to be filtered with to be like the other, for `blurred`."""
+        return blur_kernel(self.no_flash, self.offset)
 
     @property
     def no_flash_px(self) -> float:
@@ -74,11 +83,8 @@ def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
     no_flash = ratios.no_flash.astype(np.float32)
     flash = np.exp(ratios.logs).astype(np.float32) * no_flash
     usable = ~any_in_blocks(unusable, ratios.block)
-    found = _compared(no_flash, flash, usable)
-    if found is None:
-        wide = _compared(_halved(no_flash), _halved(flash), ~any_in_blocks(~usable, 2))
-        found = wide and _compared(no_flash, flash, usable, 4 * wide[0])
-    return None if found is None else _surely(*found, ratios.block)
+    found = _found(no_flash, flash, usable, _HALVINGS)
+    return None if found is None else _surely(found, ratios.block)
 
 
 def blurred(photograph: Photograph, kernel: Floats32, own: bool = False) -> Image:
@@ -93,20 +99,29 @@ def blurred(photograph: Photograph, kernel: Floats32, own: bool = False) -> Imag
     return out
 
 
-def blur_kernel(covariance: Floats64) -> Floats32:
+def blur_kernel(covariance: Floats64, mean: Floats64 = _MIDDLE) -> Floats32:
     """A kernel (n, n) that sums to 1, of a covariance (2, 2) ≥ 0 over (x, y), in pixels².
 
-    As many explicit steps of anisotropic diffusion (Weickert 1998) as keep it near a Gaussian: the
-    covariance is exact also below a pixel, where a sampled Gaussian's is not.
+    mean: (2,), in pixels from the middle; what it has of parts of pixels is shared out between two
+    of them, whose variance, up to a quarter along each axis, is taken off the covariance, or adds
+    to a smaller one. As many explicit steps of anisotropic diffusion (Weickert 1998) as keep the
+    rest near a Gaussian: its covariance is exact also below a pixel, where a sampled Gaussian's is
+    not.
     """
-    widest = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-    size = 2 * (int(np.ceil(_WIDEST * widest)) + 1) + 1
+    whole = np.floor(mean)
+    part = mean - whole
+    rest = _positive(covariance - np.diag(part * (1 - part)))
+    widest = _WIDEST * np.sqrt(max(np.linalg.eigvalsh(rest)[-1], 0.0))
+    size = 2 * (int(np.ceil(widest + np.abs(mean).max())) + 2) + 1
     angles = 2 * np.pi * np.fft.fftfreq(size)
     x, y = angles[None], angles[:, None]
-    steps = max(int(np.ceil(2 * np.trace(covariance))), 1)
-    (xx, xy), (_, yy) = covariance / steps
+    steps = max(int(np.ceil(2 * np.trace(rest))), 1)
+    (xx, xy), (_, yy) = rest / steps
     one = 1 - xx * (1 - np.cos(x)) - yy * (1 - np.cos(y)) - xy * np.sin(x) * np.sin(y)
-    return np.asarray(np.fft.fftshift(np.fft.ifft2(one**steps).real), np.float32)
+    moved = np.exp(-1j * (whole[0] * x + whole[1] * y))
+    for share, along in zip(part, (x, y), strict=True):
+        moved = moved * (1 - share + share * np.exp(-1j * along))
+    return np.asarray(np.fft.fftshift(np.fft.ifft2(one**steps * moved).real), np.float32)
 
 
 def blurred_mask(unusable: Mask, kernel: Floats32) -> Mask:
@@ -115,28 +130,65 @@ def blurred_mask(unusable: Mask, kernel: Floats32) -> Mask:
     return np.asarray(unusable | (spread > _LOST))
 
 
+@dataclass(frozen=True)
+class _Moments:
+    """Of the kernel that makes the flash photograph like the other, in blocks.
+
+    covariance: (2, 2). mean: (2,). error: (3, 3), covariance of the entries xx, xy, yy.
+    """
+
+    covariance: Floats64
+    mean: Floats64
+    error: Floats64
+
+    def doubled(self) -> _Moments:
+        """The same in blocks half as large."""
+        return _Moments(4 * self.covariance, 2 * self.mean, 16 * self.error)
+
+
+_NOTHING = _Moments(np.zeros((2, 2)), _MIDDLE, np.zeros((3, 3)))
+
+
+def _found(no_flash: Image, flash: Image, usable: Mask, halvings: int) -> _Moments | None:
+    """Compare at once, or from what smaller pictures tell, in which a wide blur is less wide."""
+    found = _compared(no_flash, flash, usable, _NOTHING)
+    if found is None and halvings and min(usable.shape) > 1:
+        small = _halved(no_flash), _halved(flash), ~any_in_blocks(~usable, 2)
+        wide = _found(*small, halvings - 1)
+        found = wide and _compared(no_flash, flash, usable, wide.doubled())
+    return found
+
+
 def _halved(light: Image) -> Image:
-    """Means of 2×2 blocks, in which a wide blur is half as wide."""
+    """Means of 2×2 blocks."""
     rows, columns = (length // 2 for length in light.shape[:2])
-    whole, size = light[: 2 * rows, : 2 * columns], (max(columns, 1), max(rows, 1))
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.float32)
+    whole = light[: 2 * rows, : 2 * columns]
+    return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _compared(
-    no_flash: Image, flash: Image, usable: Mask, covariance: Floats64 = _SHARP
-) -> tuple[Floats64, Floats64] | None:
-    """What _difference finds of two photographs, from a first covariance (2, 2) on."""
-    steps, usable, result = _steps(no_flash), _open_blocks(usable), None
+def _compared(no_flash: Image, flash: Image, usable: Mask, first: _Moments) -> _Moments | None:
+    """What _difference finds of two photographs, from first moments on."""
+    steps, usable, found = _steps(no_flash), _open_blocks(usable), first
     for _ in range(_ROUNDS):
-        more = _positive(covariance)
-        found = _difference(steps, _steps(blurred(flash, blur_kernel(more))), usable)
-        if found is None:
+        kernel = blur_kernel(_positive(found.covariance), found.mean)
+        change = _difference(steps, _steps(blurred(flash, kernel)), usable)
+        if change is None:
             return None
-        covariance = more + found[0]
-        result = covariance, found[1]
-        if np.abs(_positive(covariance) - more).max() < _SETTLED:
+        mean, covariance = _moments(kernel)
+        found = _Moments(covariance + change.covariance, mean + change.mean, change.error)
+        gone = np.abs(_positive(found.covariance) - covariance).max()
+        if max(gone, np.abs(change.mean).max()) < _SETTLED:
             break
-    return result
+    return found
+
+
+def _moments(kernel: Floats32) -> tuple[Floats64, Floats64]:
+    """Mean (2,) and covariance (2, 2) over (x, y) of a kernel that sums to 1."""
+    steps = np.arange(len(kernel)) - len(kernel) // 2
+    places = np.stack(np.broadcast_arrays(steps, steps[:, None])).reshape(2, -1)
+    weights = kernel.ravel().astype(np.float64)
+    mean = places @ weights
+    return mean, (places * weights) @ places.T - np.outer(mean, mean)
 
 
 def _open_blocks(usable: Mask) -> Mask:
@@ -156,20 +208,19 @@ def _steps(light: Image) -> Image:
     return np.asarray(relative - cv2.GaussianBlur(relative, (0, 0), _LOCAL), np.float32)
 
 
-def _difference(steps: Image, other: Image, usable: Mask) -> tuple[Floats64, Floats64] | None:
-    """The covariance that the first photograph's blur has beyond the other's, in blocks².
+def _difference(steps: Image, other: Image, usable: Mask) -> _Moments | None:
+    """The moments that the first photograph has beyond the other; None where too little agrees.
 
-    Returns it, (2, 2), and the covariance (3, 3) of its entries xx, xy, yy; None where too little
-    agrees. Robust least squares (Holland & Welsch 1977): first − other = ½ ∇·C∇ of their mean.
+    Robust least squares (Holland & Welsch 1977): first − other = ½ ∇·C∇ + m·∇ of their mean.
     """
     places = np.flatnonzero(_agreeing(steps, other, usable))
     if len(places) < _FEW * usable.size:
         return None
     places = places[:: -(-len(places) // _SAMPLED)]
-    slopes = _second_derivatives(np.float32(0.5) * (steps + other), places)
+    slopes = _derivatives(np.float32(0.5) * (steps + other), places)
     change = (steps - other).reshape(-1, 3)[places].ravel().astype(np.float64)
     weights: Floats64 = np.ones(len(change))
-    entries: Floats64 = np.zeros(3)
+    entries: Floats64 = np.zeros(slopes.shape[1])
     for _ in range(_REWEIGHTED):
         weighted = slopes * weights[:, None]
         entries = _solved(weighted.T @ slopes, weighted.T @ change)
@@ -177,7 +228,8 @@ def _difference(steps: Image, other: Image, usable: Mask) -> tuple[Floats64, Flo
         far: Floats64 = off / (_TUKEY * _MAD * np.median(off) + 1e-12)
         weights = np.square(np.maximum(1 - far**2, 0.0))
     part = np.repeat(_parts(usable.shape).ravel()[places], 3)
-    return _matrix(entries), _jackknifed(slopes, change, weights, part)
+    error = _jackknifed(slopes, change, weights, part)
+    return _Moments(_matrix(entries), entries[3:], error[:3, :3])
 
 
 def _agreeing(steps: Image, other: Image, usable: Mask) -> Mask:
@@ -193,10 +245,10 @@ def _agreeing(steps: Image, other: Image, usable: Mask) -> Mask:
     return np.asarray(usable & strong & alike)
 
 
-def _second_derivatives(steps: Image, places: NDArray[np.intp]) -> Floats64:
-    """½ ∂²/∂x², ∂²/∂x∂y and ½ ∂²/∂y² of (h, w, 3) in some blocks, (3·blocks, 3)."""
+def _derivatives(steps: Image, places: NDArray[np.intp]) -> Floats64:
+    """½ ∂²/∂x², ∂²/∂x∂y, ½ ∂²/∂y², ∂/∂x and ∂/∂y of (h, w, 3) in some blocks, (3·blocks, 5)."""
     same, slope, bend = (np.array(taps) for taps in ([1.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]))
-    kinds = ((bend, same), (slope, slope), (same, bend))
+    kinds = (bend, same), (slope, slope), (same, bend), (slope, same), (same, slope)
     filtered = (cv2.sepFilter2D(steps, -1, x, y).reshape(-1, 3)[places] for x, y in kinds)
     return np.stack([one.ravel() for one in filtered], axis=-1).astype(np.float64)
 
@@ -208,7 +260,7 @@ def _parts(shape: tuple[int, ...]) -> Floats64:
 
 
 def _jackknifed(slopes: Floats64, change: Floats64, weights: Floats64, part: Floats64) -> Floats64:
-    """Covariance (3, 3) of a least squares solution, by leaving out a part at a time."""
+    """Covariance (5, 5) of a least squares solution, by leaving out a part at a time."""
     weighted = slopes * weights[:, None]
     normal, right = weighted.T @ slopes, weighted.T @ change
     without = []
@@ -225,17 +277,17 @@ def _solved(normal: Floats64, right: Floats64) -> Floats64:
     return np.asarray(np.linalg.lstsq(normal, right, rcond=1e-6)[0])
 
 
-def _surely(covariance: Floats64, error: Floats64, block: int) -> RelativeBlur | None:
-    """What is sure of a covariance in blocks² with the given error of its entries, in pixels."""
-    variances, axes = np.linalg.eigh(covariance)
-    errors = [_SURELY * _deviation(axis, error) for axis in axes.T]
+def _surely(found: _Moments, block: int) -> RelativeBlur | None:
+    """What is sure of it, in pixels, with so many to a block."""
+    variances, axes = np.linalg.eigh(found.covariance)
+    errors = [_SURELY * _deviation(axis, found.error) for axis in axes.T]
     no_flash, flash_px = np.zeros((2, 2)), 0.0
     if variances[1] > max(_LEAST, errors[1]):
-        no_flash = block**2 * _positive(covariance)
+        no_flash = block**2 * _positive(found.covariance)
     if -variances[0] > max(_LEAST_OF_FLASH, errors[0]):
         flash_px = block * float(np.sqrt(-variances[0]))
-    found = RelativeBlur(no_flash, flash_px)
-    return found if no_flash.any() or flash_px else None
+    blur = RelativeBlur(no_flash, flash_px, block * found.mean)
+    return blur if no_flash.any() or flash_px else None
 
 
 def _deviation(axis: Floats64, error: Floats64) -> float:

@@ -257,7 +257,7 @@ def test_each_photograph_that_is_less_sharp_is_told_by_name() -> None:
     """A hand may shake along another direction in each."""
     shaken = np.array([[9.0, 0.0], [0.0, 4.0]])
 
-    first, second = blur_warnings(RelativeBlur(shaken, 2.04))
+    first, second = blur_warnings(RelativeBlur(shaken, 2.04, np.zeros(2)))
 
     assert first.code == second.code == Code.BLURRED
     assert first.figures == {"no_flash_px": pytest.approx(3.0)}
