@@ -32,6 +32,7 @@ _AGREEING = 0.95  # correlation of steps; edges of shadows are in one photograph
 _STRONG = 0.5  # quantile of the steps' squares in a window
 _CLIPPED_REACH, _BORDER = 9, 6
 _ROUNDS, _SETTLED, _REWEIGHTED = 6, 0.05, 6
+_FARTHEST = 16.0  # blocks of blur or shift; more is chance, and would need a huge kernel
 _HALVINGS = 2  # of the size, where a wide blur leaves too little that agrees
 _SAMPLED = 5_000  # blocks by which a round tells
 _SPARSE = 8  # blocks between those that tell quantiles
@@ -176,6 +177,8 @@ def _compared(no_flash: Image, flash: Image, usable: Mask, first: _Moments) -> _
             return None
         mean, covariance = _moments(kernel)
         found = _Moments(covariance + change.covariance, mean + change.mean, change.error)
+        if not max(np.abs(found.covariance).max(), np.square(found.mean).max()) < _FARTHEST**2:
+            return None
         gone = np.abs(_positive(found.covariance) - covariance).max()
         if max(gone, np.abs(change.mean).max()) < _SETTLED:
             break

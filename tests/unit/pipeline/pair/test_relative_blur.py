@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from pipeline.arrays import Floats64
 from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Mask
 from pipeline.pair.relative_blur import (
+    _NOTHING,
     RelativeBlur,
     blur_kernel,
     blurred,
@@ -112,6 +115,24 @@ def test_outlines_before_black_tell_it_where_nothing_is_painted() -> None:
 
     assert found is not None
     np.testing.assert_allclose(found.no_flash, SHAKEN, atol=0.2)
+
+
+@pytest.mark.parametrize("entry", [1e3, np.inf, np.nan])
+@pytest.mark.parametrize("where", ["covariance", "mean"])
+def test_a_blur_that_no_hand_makes_is_chance(
+    monkeypatch: pytest.MonkeyPatch, where: str, entry: float
+) -> None:
+    """And no kernel is made of it, which would be huge."""
+    absurd = replace(_NOTHING, **{where: np.full_like(getattr(_NOTHING, where), entry)})
+    monkeypatch.setattr("pipeline.pair.relative_blur._difference", lambda *_: absurd)
+
+    assert told(*photographs(no_flash=SHAKEN)) is None
+
+
+def test_photographs_of_noise_alone_tell_nothing() -> None:
+    one, other = np.random.default_rng(4).uniform(0.1, 0.9, (2, HEIGHT, WIDTH, 3))
+
+    assert told(one, other) is None
 
 
 def test_unusable_photographs_and_small_ones_tell_nothing() -> None:
