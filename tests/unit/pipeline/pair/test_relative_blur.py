@@ -105,6 +105,28 @@ def test_too_little_that_agrees_tells_nothing() -> None:
     assert told(lamps, other) is None
 
 
+def test_a_blur_that_parts_of_the_picture_do_not_share_is_not_sure() -> None:
+    """Of somewhat more than half of it: its mean is .47, with a standard error of .14."""
+    sharp, both = photographs()
+    mixed = np.where(np.arange(WIDTH)[:, None] < 152, photographs(no_flash=SHAKEN)[0], sharp)
+
+    assert told(mixed, both) is None
+
+
+def test_edges_of_clipped_places_tell_nothing() -> None:
+    """They are as sharp in both, whatever the blur is."""
+    lamps, both = photographs(no_flash=2 * SHAKEN)
+    clipped = np.zeros((HEIGHT, WIDTH), bool)
+    for x in range(0, WIDTH, 64):
+        clipped[:, x : x + 6] = True
+    lamps[clipped] = both[clipped] = 1.0
+
+    found = told(lamps, both, clipped)
+
+    assert found is not None
+    np.testing.assert_allclose(found.no_flash, 2 * SHAKEN, atol=0.4)
+
+
 def test_outlines_before_black_tell_it_where_nothing_is_painted() -> None:
     """Dark blocks are left out of the ratios of the exposures, but not here."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
