@@ -72,11 +72,14 @@ def test_a_screen_is_left_out_and_the_lamps_are_those_of_the_rest(
     np.testing.assert_array_equal(found.reduced.usable, ~found.shining)
 
 
+@pytest.mark.parametrize(
+    "part", [(slice(4, 9), slice(5, 9)), (slice(3, 14), slice(8, 22))], ids=["hole", "bay"]
+)
 def test_dark_parts_of_its_picture_belong_to_a_screen(
-    room: Callable[..., ReducedPair], lamps: Lamps
+    room: Callable[..., ReducedPair], lamps: Lamps, part: tuple[slice, slice]
 ) -> None:
     dark = np.zeros((14, 30, 3)) + BLUE
-    dark[4:9, 5:9] = 0.0
+    dark[part] = 0.0
 
     shining = rest_of(room(dark), lamps)
 
