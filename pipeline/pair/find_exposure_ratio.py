@@ -53,8 +53,9 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
         return None
     light = np.stack([no_flash.reshape(-1, 3), flash.reshape(-1, 3)]).take(pairs, axis=1)
     light = light.reshape(4, -1, 3) / np.quantile(flash[known], _BRIGHT)
+    lowest = float(np.log(most)) - _BELOW
     found, height = _highest(light, float(np.log(most)))
-    if height < _LEAST_HEIGHT:
+    if height < max(_LEAST_HEIGHT, _SURE * _height(light, lowest, _WIDTHS[-1])):
         return None
     if abs(found) < _CLOSE:
         return 1.0

@@ -10,7 +10,13 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.pair.find_exposure_ratio import find_exposure_ratio
 from pipeline.pair.ratios import Ratios
-from tests.unit.pipeline.pair.ratios_of_scenes import FLASH, LAMP, ratios_of, scene
+from tests.unit.pipeline.pair.ratios_of_scenes import (
+    FLASH,
+    LAMP,
+    albedo,
+    ratios_of,
+    scene,
+)
 from tests.unit.pipeline.pair.shadows_on_paint import light_of
 
 
@@ -92,6 +98,20 @@ def test_an_even_share_of_the_lamps_tells_nothing() -> None:
         assert (
             find_exposure_ratio(brought_by(factor, with_flash(lamps, lamps / LAMP * FLASH))) is None
         )
+
+
+@pytest.mark.parametrize(("unevenness", "told"), [(0.01, 0.05), (0.03, None)])
+def test_what_is_hardly_better_than_no_light_of_lamps_is_not_told(
+    unevenness: float, told: float | None
+) -> None:
+    """Where a photograph has one colour itself, every low ratio leaves nearly as much of it."""
+    lamps, flash = scene()
+    uneven = np.random.default_rng(1).standard_normal((48, 64, 3)).repeat(4, 0).repeat(4, 1)
+    both = (0.6 * flash / albedo() + 0.05 * lamps) * np.exp(unevenness * uneven)
+
+    found = find_exposure_ratio(ratios_of(lamps, both))
+
+    assert found == (told if told is None else pytest.approx(told, rel=0.02))
 
 
 def test_unusable_pairs_and_few_blocks_tell_nothing() -> None:
