@@ -21,6 +21,7 @@ class Code(StrEnum):
     EXPOSURE_MISMATCH = "exposure_mismatch"
     RENDERED_SRGB = "rendered_srgb"
     AUTO_WHITE_BALANCE = "auto_white_balance"
+    LOCAL_TONE_MAPPING = "local_tone_mapping"
     ONE_GREY = "one_grey"
     FLASH_BLUE = "flash_blue"
     RENDERED_EXPOSURES_DIFFER = "rendered_exposures_differ"

@@ -41,9 +41,13 @@ _STRANGE = 7.5  # logarithm of how much less likely cameras make a curve than no
 _EXPOSURES = np.exp(np.linspace(-1.2, 1.2, 17))  # times what is taken for granted
 
 
-def usual_contrasts() -> list[ToneCurve]:
-    """What cameras' contrasts are about, and none: where the search for one starts."""
-    return [ToneCurve(contrast * _CONTRAST + s * _S_CURVE) for contrast, s in _STARTS]
+def usual_contrasts(steepest: float = 2.0) -> list[ToneCurve]:
+    """What cameras' contrasts are about, and none: where the search for one starts.
+
+    steepest: the S that one may have, times .05.
+    """
+    usual = [(contrast, s) for contrast, s in _STARTS if s <= steepest]
+    return [ToneCurve(contrast * _CONTRAST + s * _S_CURVE) for contrast, s in usual]
 
 
 def find_tone_curve(

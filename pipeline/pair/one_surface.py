@@ -17,7 +17,7 @@ or gains: these are looked for where it is known, and it is where there are none
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,13 @@ class Seen:
         peak, weight = _peak(self.light, self.variances, less, *widths, away)
         return float(100 * peak / max(weight, _FEW_KNOWN * self.light.shape[1]))
 
+    def brightened(self, logs: Floats64) -> Seen:
+        """With the flash photograph multiplied by so much; natural logarithms (2, n)."""
+        factors = np.ones(self.light.shape[:2])
+        factors[2:] = np.exp(logs)
+        factors = factors[..., None]
+        return Seen(self.light * factors, self.variances * np.square(factors))
+
     def flash_parts(self, gains: Floats64) -> FlashParts:
         """The flash parts without gains (2,) of the flash photograph."""
         less = taken_off(gains)
@@ -107,19 +114,46 @@ class Seen:
 
 
 @dataclass(frozen=True)
+class PairBlocks:
+    """Blocks of a pair that a camera rendered, at most 384 to a side.
+
+    srgb: (2, h, w, 3), 0…1, linear by sRGB's curve, 1.0 = white: without the flash, with it. known:
+    bool (h, w), all of their pixels tell of light. side: of a block, in pixels.
+    """
+
+    srgb: Floats64
+    known: Mask
+    side: int
+
+
+@dataclass(frozen=True)
 class Neighbours:
     """Pairs of blocks that may show one surface under other light.
 
     srgb: (4, n, 3), linear by sRGB's curve, 1.0 = white: without the flash in either place, with it
-    in either. ratio: of the exposures, flash photograph ÷ other.
+    in either. ratio: of the exposures, flash photograph ÷ other. numbers: (2, n) of the blocks, row
+    by row. brightened: (2, n), natural logarithms of what the flash photograph is multiplied by
+    beside that ratio.
     """
 
     srgb: Floats64
     ratio: float
+    numbers: NDArray[np.int_]
+    brightened: Floats64
 
     def some(self, most: int) -> Neighbours:
         """At most so many of them, from everywhere."""
-        return Neighbours(self.srgb.take(_spread(self.srgb.shape[1], most), axis=1), self.ratio)
+        return self.those(_spread(self.srgb.shape[1], most))
+
+    def those(self, which: NDArray[np.int_] | Mask) -> Neighbours:
+        """Some of them, by their numbers or as marked, bool (n,)."""
+        return Neighbours(
+            self.srgb[:, which], self.ratio, self.numbers[:, which], self.brightened[:, which]
+        )
+
+    def brightened_by(self, logs: Floats64) -> Neighbours:
+        """With the flash photograph multiplied by so much; natural logarithms (h, w) of blocks."""
+        return replace(self, brightened=logs.ravel().take(self.numbers))
 
     @cached_property
     def codes(self) -> Floats64:
@@ -128,8 +162,9 @@ class Neighbours:
 
     def light(self, curve: ToneCurve) -> Floats64:
         """Linear sRGB (4, n, 3) in exposures of the first photograph, without a contrast."""
-        scale = np.array((1.0, 1.0, self.ratio, self.ratio))[:, None, None]
-        return np.asarray(curve.light(self.srgb) / scale)
+        scale = np.ones(self.srgb.shape[:2])
+        scale[2:] = np.exp(self.brightened) / self.ratio
+        return np.asarray(curve.light(self.srgb) * scale[..., None])
 
     def through(self, curve: ToneCurve) -> Seen:
         """What the sensor saw, if a camera put that contrast on top of sRGB's curve."""
@@ -138,34 +173,39 @@ class Neighbours:
         return Seen(light @ TO_SENSOR.T, np.square(noise) @ np.square(TO_SENSOR).T)
 
 
-def find_neighbours(
-    no_flash: Photograph, flash: Photograph, unusable: Mask, ratio: float
-) -> Neighbours | None:
-    """Pairs of blocks in which the lamps' share of the flash photograph differs.
-
-    None where there are too few to tell anything.
+def average_pair(no_flash: Photograph, flash: Photograph, unusable: Mask) -> PairBlocks:
+    """Average a pair in blocks.
 
     Parameters
     ----------
     no_flash, flash : (H, W, 3), linear by sRGB's curve, 1.0 = white, aligned, the flash photograph
         with the lamps' light in it
     unusable : (H, W), what tells nothing of light
-    ratio : of the exposures, flash photograph ÷ other
     """
     height, width = unusable.shape
     blocks = blocks_within(width, height, _LONG_SIDE)
     means = (area_means(image, blocks.size, blocks.crop) for image in (no_flash, flash))
     both = np.clip(np.stack([*means]), 0.0, 1.0).astype(np.float64)
-    codes = linear_to_srgb(both)
-    known = ~any_in_blocks(unusable, blocks.side)
-    known &= (codes.min(axis=(0, 3)) > _CODES[0]) & (codes.max(axis=(0, 3)) < _CODES[1])
-    light = both @ TO_SENSOR.T
+    return PairBlocks(both, ~any_in_blocks(unusable, blocks.side), blocks.side)
+
+
+def find_neighbours(blocks: PairBlocks, ratio: float) -> Neighbours | None:
+    """Pairs of blocks in which the lamps' share of the flash photograph differs.
+
+    None where there are too few to tell anything. ratio: of the exposures, flash photograph ÷
+    other.
+    """
+    codes = linear_to_srgb(blocks.srgb)
+    known = blocks.known & (codes.min(axis=(0, 3)) > _CODES[0])
+    known &= codes.max(axis=(0, 3)) < _CODES[1]
+    light = blocks.srgb @ TO_SENSOR.T
     known &= light.min(axis=(0, 3)) > _LEAST_LIGHT
     lamps = light[0] * ratio / np.maximum(light[1], _LEAST_LIGHT)
     pairs = pairs_apart(lamps, known, _OFFSETS, _FEW_PAIRS)
     if pairs is None:
         return None
-    return Neighbours(both.reshape(2, -1, 3).take(pairs, axis=1).reshape(4, -1, 3), ratio)
+    srgb = blocks.srgb.reshape(2, -1, 3).take(pairs, axis=1).reshape(4, -1, 3)
+    return Neighbours(srgb, ratio, pairs, np.zeros(pairs.shape))
 
 
 def pairs_apart(

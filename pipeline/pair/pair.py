@@ -15,11 +15,9 @@ from pipeline.pair.align import NOT_ATTEMPTED, Alignment, estimate_alignment, wa
 from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
-from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
-from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.flow import residual_flow, warp_along
+from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.motion import find_moved
-from pipeline.pair.one_surface import find_neighbours
 from pipeline.pair.pair_checks import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.pair.pair_warnings import (
     NOTABLE_MOTION,
@@ -34,6 +32,7 @@ from pipeline.pair.pair_warnings import (
 )
 from pipeline.pair.ratios import block_ratios, brightening, darker_share
 from pipeline.pair.relative_blur import blurred, blurred_mask, find_relative_blur
+from pipeline.pair.rendering import Rendering, find_rendering
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
@@ -56,6 +55,8 @@ class Pair:
     rendered: whether a camera's rendering to sRGB has bent the values.
     tone_curve: the contrast that it put on top of sRGB's curve, which has been taken off both
         photographs; None where none was found.
+    local_tone_mapping: what it made of the flash photograph locally and not of the other, which has
+        been taken off that; None where nothing was found.
     balance_change: by how much it balanced the white of the flash photograph otherwise, which has
         been taken off that; None where nothing was found.
     no_flash_noise, flash_noise: the noise of each.
@@ -76,6 +77,7 @@ class Pair:
     exposure_source: str
     rendered: bool
     tone_curve: ToneCurve | None
+    local_tone_mapping: LocalToneMapping | None
     balance_change: BalanceChange | None
     no_flash_noise: Noise
     flash_noise: Noise
@@ -109,9 +111,13 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     if options.align:
         laid = _laid_on(no_flash.pixels, flash, progress)
     progress.report("align", 0.6)
-    tone = balance = None
+    rendering = Rendering()
     if rendered and not options.flash_only:
-        no_flash, flash, laid, tone, balance = _taken_back(no_flash, flash, laid, written)
+        unusable = no_flash.unusable | laid.unusable
+        rendering = find_rendering(no_flash, flash, laid.pixels, unusable, written)
+        no_flash = rendering.off_no_flash(no_flash)
+        flash, pixels = rendering.off_flash(flash, laid.pixels)
+        laid = replace(laid, pixels=pixels)
     progress.report("align", 0.65)
     held = _held_against(no_flash, flash, laid, written, options, progress)
     progress.report("align", 0.9)
@@ -123,8 +129,9 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         exposure_ratio=held.ratio.value,
         exposure_source=held.ratio.source,
         rendered=rendered,
-        tone_curve=tone,
-        balance_change=balance,
+        tone_curve=rendering.tone,
+        local_tone_mapping=rendering.mapping,
+        balance_change=rendering.balance,
         no_flash_noise=held.noises[0],
         flash_noise=held.noises[1],
         alignment=laid.alignment,
@@ -136,7 +143,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         warnings=(
             *orientation_warnings(no_flash, flash),
             *baseline_warnings(no_flash, flash, written),
-            *(rendering_warnings(no_flash, flash, written.value, balance) if rendered else ()),
+            *(rendering_warnings(no_flash, flash, written.value, rendering) if rendered else ()),
             *alignment_warnings(laid.alignment),
             *held.warnings,
             *copy_warnings(no_flash.pixels, held.flash, options.flash_only),
@@ -172,47 +179,6 @@ def _laid_on(no_flash: Photograph, flash: Frame, progress: Progress) -> _Laid:
     pixels, unusable = warp_along(flash.pixels, flash.unusable, alignment, flow)
     parallax = float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
     return _Laid(pixels, unusable, alignment, parallax)
-
-
-def _taken_back(
-    no_flash: Frame, flash: Frame, laid: _Laid, ratio: ExposureRatio
-) -> tuple[Frame, Frame, _Laid, ToneCurve | None, BalanceChange | None]:
-    """Both frames, and how the other was laid, without what a camera made of them; and what."""
-    unusable = no_flash.unusable | laid.unusable
-    neighbours = find_neighbours(no_flash.pixels, laid.pixels, unusable, ratio.value)
-    if neighbours is None:
-        return no_flash, flash, laid, None, None
-    balance, known = None, ratio.source != "assumed"
-    if known and _balances_may_differ(no_flash, flash):
-        balance = find_balance_change(neighbours)
-    tone = find_tone_curve(neighbours, balance, known)
-    if balance is not None:
-        balance, tone = settle_balance_change(neighbours, balance, tone)
-    if tone is not None:
-        no_flash, flash, laid = tone.frame(no_flash), *_toned(tone, flash, laid)
-    if balance is not None:
-        flash, laid = _rebalanced(balance, flash, laid)
-    return no_flash, flash, laid, tone, balance
-
-
-def _balances_may_differ(no_flash: Frame, flash: Frame) -> bool:
-    """Whether the camera may have balanced the white of either photograph by itself."""
-    return no_flash.auto_white_balance is not False or flash.auto_white_balance is not False
-
-
-def _toned(tone: ToneCurve, flash: Frame, laid: _Laid) -> tuple[Frame, _Laid]:
-    """The flash frame, and how it was laid, as light of a curve."""
-    toned = tone.frame(flash)
-    if laid.pixels is flash.pixels:
-        return toned, replace(laid, pixels=toned.pixels)
-    return toned, replace(laid, pixels=tone.photograph(laid.pixels, own=True))
-
-
-def _rebalanced(balance: BalanceChange, flash: Frame, laid: _Laid) -> tuple[Frame, _Laid]:
-    """The flash frame's noise, and the light of how it was laid, in the other's balance."""
-    compression = flash.compression and balance.noise(flash.compression)
-    pixels = balance.photograph(laid.pixels, own=laid.pixels is not flash.pixels)
-    return replace(flash, compression=compression), replace(laid, pixels=pixels)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from pipeline.decode.samples import turns_sides
 from pipeline.images.area_means import area_means
 from pipeline.images.frames import Frame, Photograph
 from pipeline.pair.align import Alignment
-from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio, darkening
 from pipeline.pair.flicker import bands
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur
+from pipeline.pair.rendering import Rendering
 from pipeline.run_warnings import Code, RunWarning
 
 NOTABLE_MOTION = 0.002
@@ -60,13 +60,14 @@ def baseline_warnings(no_flash: Frame, flash: Frame, ratio: ExposureRatio) -> li
 
 
 def rendering_warnings(
-    no_flash: Frame, flash: Frame, ratio: float, balance: BalanceChange | None
+    no_flash: Frame, flash: Frame, ratio: float, rendering: Rendering
 ) -> list[RunWarning]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other.
 
-    balance: of the flash photograph, that was found and taken off.
+    rendering: that was found and taken off.
     """
     warnings = []
+    mapping, balance = rendering.mapping, rendering.balance
     grey = [is_grey(no_flash), is_grey(flash)]
     if any(grey) and not all(grey):
         message = (
@@ -74,6 +75,16 @@ def rendering_warnings(
             "were taken out, no layer is right. Send both as the camera made them in colour."
         )
         warnings.append(RunWarning(Code.ONE_GREY, message))
+    if mapping is not None:
+        factors = mapping.entry()
+        message = (
+            "The camera brightened shadows and darkened highlights of the two photographs "
+            "differently (local tone mapping, as phones and HDR do it). The pair shows it, and "
+            f"parts of the flash photograph were multiplied by {factors['least']:.2f} to "
+            f"{factors['most']:.2f} for it, as far as a pair tells: switch HDR and the like off, "
+            "or send RAW files."
+        )
+        warnings.append(RunWarning(Code.LOCAL_TONE_MAPPING, message, factors))
     if balance is not None:
         message = (
             "The camera balanced the white of the flash photograph otherwise than that of the "

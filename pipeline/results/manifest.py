@@ -113,6 +113,7 @@ def make_manifest(
         "exposure_ratio": round(pair.exposure_ratio, 6),
         "exposure_source": pair.exposure_source,
         "tone_curve": None if pair.tone_curve is None else pair.tone_curve.entry(),
+        "local_tone_mapping": pair.local_tone_mapping and pair.local_tone_mapping.entry(),
         "balance_change": None if pair.balance_change is None else pair.balance_change.entry(),
         "alignment": {
             "applied": alignment.applied or pair.parallax > 0,

@@ -117,6 +117,14 @@ _MANIFEST: _Schema = {
         "tone_curve": _or_null(
             _object("A contrast that was taken off.", codes=_list(_NUMBER), light=_list(_NUMBER))
         ),
+        "local_tone_mapping": _or_null(
+            _object(
+                "A local tone mapping that was taken off.",
+                power=_NUMBER,
+                least=_NUMBER,
+                most=_NUMBER,
+            )
+        ),
         "balance_change": _or_null(
             _object("A white balance that was taken off.", red=_NUMBER, blue=_NUMBER)
         ),

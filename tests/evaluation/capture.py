@@ -7,6 +7,7 @@ import io
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 import tifffile
 from PIL import Image as PillowImage
@@ -32,6 +33,8 @@ Balance = Literal["daylight", "bulbs"]
 
 _BALANCED_FOR: dict[Balance, str] = {"daylight": "D65", "bulbs": "A"}
 
+_SURROUNDINGS, _EDGE = 0.06, 0.5  # of the width; natural logarithm
+_MIDDLE, _DARK = 0.2, 1e-3  # of white
 _STRONG = PchipInterpolator(
     (0.0, 0.028, 0.121, 0.46, 0.859, 1.0), (0.0, 0.03, 0.232, 0.748, 0.968, 1.0)
 )
@@ -84,25 +87,47 @@ def capture(
 
 
 def capture_jpeg(
-    rendered: RenderedScene, contrast: Contrast = "none", balance: Balance = "daylight"
+    rendered: RenderedScene,
+    contrast: Contrast = "none",
+    balance: Balance = "daylight",
+    mapping: float = 0.0,
 ) -> Capture:
     """Have the camera make JPEGs: its colours brought to sRGB for a light, then sRGB's curve.
 
     contrast: of its own; the truth is light without it. balance: for what light, by gains of the
-    camera's channels. No noise reduction; exposed as scenes
-    are, for the brightest channel of sRGB. What sRGB cannot hold is cut off.
+    camera's channels. mapping: power of its surroundings by which light is divided, in either
+    photograph by itself; the truth is mapped as the photograph without the flash. No noise
+    reduction; exposed as scenes are, for the brightest channel of sRGB. What sRGB cannot hold is
+    cut off.
     """
     scene = rendered.scene
     sensor, daylight = sensitivities(scene.camera), find_light("D65")
     to_xyz = camera_to_xyz(sensor, daylight, reflectances(scene.split))
     gains = (sensor @ daylight) / (sensor @ find_light(_BALANCED_FOR[balance]))
     matrix = (XYZ_TO_SRGB @ to_xyz * (gains / gains[1])).astype(np.float32)
-    brightest = np.percentile((rendered.flash_frame @ matrix.T).max(axis=2), 99.9)
-    matrix *= WHITE_LEVEL / brightest
-    frames = (rendered.no_flash_frame, rendered.flash_frame)
-    no_flash, flash = (_jpeg(frame @ matrix.T, contrast) for frame in frames)
-    truth, flash_part = (light @ matrix.T for light in (rendered.lamps, rendered.flash))
-    return Capture(no_flash, flash, truth, flash_part, "auto")
+    frames = [frame @ matrix.T for frame in (rendered.no_flash_frame, rendered.flash_frame)]
+    factors = [_mapping(frame, mapping) for frame in frames]
+    frames = [frame * factor for frame, factor in zip(frames, factors, strict=True)]
+    scale = WHITE_LEVEL / np.percentile(frames[1].max(axis=2), 99.9).astype(np.float32)
+    no_flash, flash = (_jpeg(scale * frame, contrast) for frame in frames)
+    lamps, flash_part = (
+        scale * factors[0] * (light @ matrix.T) for light in (rendered.lamps, rendered.flash)
+    )
+    return Capture(no_flash, flash, lamps, flash_part, "auto")
+
+
+def _mapping(light: Image, power: float) -> Floats32:
+    """What local tone mapping multiplies light (H, W, 3) by, (H, W, 1).
+
+    Source: Durand & Dorsey, "Fast Bilateral Filtering for the Display of High-Dynamic-Range
+    Images", 2002: the base layer of the logarithm is compressed.
+    """
+    if not power:
+        return np.ones((*light.shape[:2], 1), np.float32)
+    grey = cv2.cvtColor(np.asarray(light, np.float32), cv2.COLOR_RGB2GRAY)
+    around = _SURROUNDINGS * grey.shape[1]
+    base = cv2.bilateralFilter(np.log(np.maximum(grey, _DARK)), -1, _EDGE, around)
+    return np.asarray(np.exp(power * (np.log(_MIDDLE) - base))[..., None], np.float32)
 
 
 def expose(light: Image, sensor: Sensor, random: np.random.Generator) -> Floats64:

@@ -30,6 +30,7 @@ class Condition:
 
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
     contrast: that the camera gives a JPEG. balance: the light that a JPEG's white is balanced for.
+    mapping: power of its surroundings by which the camera divides the light of a JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     shake_px: of the hand during the one without the flash.
     camera, flash: names to be told, None for the right ones, by its table where the product does
@@ -43,6 +44,7 @@ class Condition:
     files: Literal["exact", "noisy", "jpeg"] = "exact"
     contrast: Contrast = "none"
     balance: Balance = "daylight"
+    mapping: float = 0.0
     exposure: float = 1.0
     motion_px: float = 0.0
     shake_px: float = 0.0
@@ -60,7 +62,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     if condition.shake_px:
         rendered = shaken(rendered, condition.shake_px)
     if condition.files == "jpeg":
-        taken = capture_jpeg(rendered, condition.contrast, condition.balance)
+        taken = capture_jpeg(rendered, condition.contrast, condition.balance, condition.mapping)
     else:
         sensor = _SENSOR if condition.files == "noisy" else None
         taken = capture(rendered, sensor, condition.exposure)

@@ -102,6 +102,26 @@ def test_a_cameras_contrast_bends_what_is_shown(
     assert np.median(shown[near] / seen[near]) == pytest.approx(times, abs=0.06)
 
 
+@pytest.mark.parametrize("power", [0.2, 0.4])
+def test_local_tone_mapping_divides_even_light_by_a_power_of_itself(
+    rendered: RenderedScene, power: float
+) -> None:
+    """A half that is four times as bright is 4 to the rest of the power brighter."""
+    scene = flat(rendered, 0.1)
+    lamps, frame = scene.lamps.copy(), scene.flash_frame.copy()
+    lamps[:, :, 100:] *= 4
+    frame[:, 100:] *= 4
+
+    shot = capture_jpeg(replace(scene, lamps=lamps, flash_frame=frame), mapping=power)
+
+    held = decode(shot.no_flash, "auto").pixels[:]
+    truth = shot.truth.sum(axis=0)
+    for light, within in ((truth, 1e-3), (held, 0.05)):
+        ratio = light[:, 150:].mean() / light[:, :50].mean()
+        assert ratio == pytest.approx(4 ** (1 - power), rel=within)
+    assert np.abs(held - truth).mean() < 0.03 * truth.mean()
+
+
 @pytest.mark.parametrize(("balance", "light"), [("daylight", "D65"), ("bulbs", "A")])
 def test_a_card_under_the_light_a_jpeg_is_balanced_for_is_white(
     rendered: RenderedScene, balance: Balance, light: str

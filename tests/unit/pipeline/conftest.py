@@ -112,6 +112,7 @@ def pair_of() -> Callable[..., Pair]:
             "exposure_source": "option",
             "rendered": False,
             "tone_curve": None,
+            "local_tone_mapping": None,
             "balance_change": None,
             "no_flash_noise": quiet,
             "flash_noise": quiet,

@@ -10,9 +10,9 @@ import pytest
 from pipeline.images.frames import Frame
 from pipeline.options import Options
 from pipeline.pair.align import Alignment
-from pipeline.pair.one_surface import Neighbours
 from pipeline.pair.pair import Pair, make_pair
 from pipeline.progress import Progress
+from tests.unit.pipeline.pair.shadows_on_paint import neighbours_of
 
 
 def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
@@ -31,19 +31,19 @@ def lay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
 def have_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have pairs of places be found, however small pictures are, that know their exposures."""
     monkeypatch.setattr(
-        "pipeline.pair.pair.find_neighbours",
-        lambda *given: Neighbours(np.full((4, 1, 3), 0.2), given[3]),
+        "pipeline.pair.rendering.find_neighbours",
+        lambda *given: neighbours_of(np.full((4, 1, 3), 0.2), given[1]),
     )
 
 
 def given_to(monkeypatch: pytest.MonkeyPatch, search: str, found: Any) -> list[tuple[Any, ...]]:
-    """What a search of pipeline.pair.pair is given from now on, each time; it finds `found`."""
+    """What a search for a rendering is given from now on, each time; it finds `found`."""
     given: list[tuple[Any, ...]] = []
 
     def find(*arguments: Any) -> Any:
         given.append(arguments)
         return found
 
-    monkeypatch.setattr(f"pipeline.pair.pair.{search}", find)
+    monkeypatch.setattr(f"pipeline.pair.rendering.{search}", find)
     have_neighbours(monkeypatch)
     return given

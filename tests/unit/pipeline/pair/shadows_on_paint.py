@@ -11,7 +11,12 @@ from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Mask, Photograph
-from pipeline.pair.one_surface import Neighbours, find_neighbours
+from pipeline.pair.one_surface import (
+    Neighbours,
+    PairBlocks,
+    average_pair,
+    find_neighbours,
+)
 
 Curve = Callable[[Floats64], Floats64]
 Shadows = Literal["slanted", "upright", "level", "none"]
@@ -61,9 +66,20 @@ def neighbours(
     pair: tuple[Photograph, Photograph], ratio: float = 1.0, unusable: Mask | None = None
 ) -> Neighbours:
     """Pairs of places of a pair that may show one paint."""
-    found = find_neighbours(*pair, nothing() if unusable is None else unusable, ratio)
+    found = find_neighbours(blocks(pair, unusable), ratio)
     assert found is not None
     return found
+
+
+def blocks(pair: tuple[Photograph, Photograph], unusable: Mask | None = None) -> PairBlocks:
+    """Blocks of a pair."""
+    return average_pair(*pair, nothing() if unusable is None else unusable)
+
+
+def neighbours_of(srgb: Floats64, ratio: float) -> Neighbours:
+    """Pairs of places with that light (4, n, 3), numbered one after the other."""
+    numbers = np.arange(2 * srgb.shape[1]).reshape(2, -1)
+    return Neighbours(srgb, ratio, numbers, np.zeros(numbers.shape))
 
 
 def nothing() -> Mask:

@@ -7,12 +7,14 @@ import pytest
 
 from pipeline.images.frames import Mask
 from pipeline.pair.balance_change import BalanceChange
-from pipeline.pair.one_surface import Neighbours, Seen, find_neighbours, taken_off
+from pipeline.pair.one_surface import Seen, average_pair, find_neighbours, taken_off
 from pipeline.pair.tone_curve import NO_CONTRAST, ToneCurve
 from tests.unit.pipeline.pair.shadows_on_paint import (
     SIZE,
+    blocks,
     light_of,
     neighbours,
+    neighbours_of,
     nothing,
     photographs,
     s_curve,
@@ -84,39 +86,58 @@ def test_the_ratio_of_exposures_is_taken_off_light() -> None:
     curve = ToneCurve(np.linspace(-0.5, 0.0, 11))
     srgb = np.full((4, 2, 3), 0.25)
 
-    light = Neighbours(srgb, 0.5).light(curve)
+    light = neighbours_of(srgb, 0.5).light(curve)
 
     np.testing.assert_allclose(light[:2], curve.light(srgb[:2]))
     np.testing.assert_allclose(light[2:], 2 * curve.light(srgb[2:]))
 
 
 def test_fewer_pairs_are_from_everywhere() -> None:
-    some = Neighbours(np.arange(4 * 9 * 3.0).reshape(4, 9, 3), 0.5).some(3)
+    some = neighbours_of(np.arange(4 * 9 * 3.0).reshape(4, 9, 3), 0.5).some(3)
 
     np.testing.assert_array_equal(some.srgb[0, :, 0], (0.0, 12.0, 24.0))
+    np.testing.assert_array_equal(some.numbers, [[0, 4, 8], [9, 13, 17]])
     assert some.ratio == 0.5
+
+
+def test_the_flash_photograph_is_brightened_block_by_block() -> None:
+    """After the curve, and the same in what a sensor sees, whose noise grows with it."""
+    curve = ToneCurve(np.linspace(-0.5, 0.0, 11))
+    pairs = neighbours_of(np.full((4, 2, 3), 0.25), 0.5)
+    logs = np.log([[1.0, 1.5], [2.0, 3.0]])
+
+    brightened = pairs.brightened_by(logs)
+    seen, plain = brightened.through(curve), pairs.through(curve)
+
+    np.testing.assert_allclose(brightened.light(curve)[:2], pairs.light(curve)[:2])
+    for place, factors in ((2, [1.0, 1.5]), (3, [2.0, 3.0])):
+        expected = pairs.light(curve)[place] * np.array(factors)[:, None]
+        np.testing.assert_allclose(brightened.light(curve)[place], expected)
+    same = plain.brightened(brightened.brightened)
+    np.testing.assert_allclose(same.light, seen.light)
+    np.testing.assert_allclose(same.variances, seen.variances)
 
 
 def test_a_flash_that_hardly_reaches_tells_nothing() -> None:
     pair = photographs(s_curve(0.0), light_of(flash=0.002))
 
-    assert find_neighbours(*pair, nothing(), 1.0) is None
+    assert find_neighbours(blocks(pair), 1.0) is None
 
 
 def test_lamps_that_light_all_places_alike_tell_nothing() -> None:
     pair = photographs(s_curve(0.0), light_of("none", flash=0.02))
 
-    assert find_neighbours(*pair, nothing(), 1.0) is None
+    assert find_neighbours(blocks(pair), 1.0) is None
 
 
 @pytest.mark.parametrize("unusable", [~nothing(), np.arange(SIZE[1])[:, None] > np.zeros(SIZE[0])])
 def test_what_cannot_be_used_tells_nothing(unusable: Mask) -> None:
     pair = photographs(s_curve(0.0), light_of())
 
-    assert find_neighbours(*pair, unusable, 1.0) is None
+    assert find_neighbours(blocks(pair, unusable), 1.0) is None
 
 
 def test_a_picture_smaller_than_the_way_to_a_neighbour_tells_nothing() -> None:
     no_flash, flash = (np.full((6, 7, 3), light, np.float32) for light in (0.2, 0.4))
 
-    assert find_neighbours(no_flash, flash, np.zeros((6, 7), np.bool_), 1.0) is None
+    assert find_neighbours(average_pair(no_flash, flash, np.zeros((6, 7), np.bool_)), 1.0) is None

@@ -23,9 +23,9 @@ RISING = ToneCurve(np.linspace(-0.5, 0.0, 11))
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the search for a balance is given; it finds CHANGE, which stays, and no contrast."""
-    monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", lambda *_: None)
+    monkeypatch.setattr("pipeline.pair.rendering.find_tone_curve", lambda *_: None)
     monkeypatch.setattr(
-        "pipeline.pair.pair.settle_balance_change", lambda *arguments: arguments[1:]
+        "pipeline.pair.rendering.settle_balance_change", lambda *arguments: arguments[1:]
     )
     return given_to(monkeypatch, "find_balance_change", CHANGE)
 
@@ -80,7 +80,7 @@ def test_a_contrast_is_looked_for_with_the_balance_and_taken_off_before_it(
         given.append(arguments[1])
         return RISING
 
-    monkeypatch.setattr("pipeline.pair.pair.find_tone_curve", find)
+    monkeypatch.setattr("pipeline.pair.rendering.find_tone_curve", find)
 
     pair = paired((before, after), exposure_ratio=1.0)
 

@@ -11,6 +11,7 @@ from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio
+from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.pair import make_pair
 from pipeline.pair.pair_warnings import (
     blur_warnings,
@@ -21,6 +22,7 @@ from pipeline.pair.pair_warnings import (
 )
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur
+from pipeline.pair.rendering import Rendering
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
 
@@ -147,12 +149,26 @@ def test_a_balance_that_was_found_to_differ_is_warned_of_with_its_gains(
 ) -> None:
     both = frames(encoding="srgb", auto_white_balance=balanced)
 
-    (warning,) = rendering_warnings(*both, 1.0, BalanceChange(1.304, 0.7512))
+    (warning,) = rendering_warnings(*both, 1.0, Rendering(balance=BalanceChange(1.304, 0.7512)))
 
     assert warning.code == "auto_white_balance"
     assert "red times 1.30, blue times 0.75" in warning.message
     assert "lock the white balance, or send RAW" in warning.message
     assert warning.figures == {"red": 1.304, "blue": 0.751}
+
+
+def test_a_local_tone_mapping_that_was_found_is_warned_of_with_its_factors(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    both = frames(encoding="srgb", auto_white_balance=False)
+    mapping = LocalToneMapping(np.log([[0.9, 1.333]]), 8, 0.25)
+
+    (warning,) = rendering_warnings(*both, 1.0, Rendering(mapping=mapping))
+
+    assert warning.code == "local_tone_mapping"
+    assert "were multiplied by 0.90 to 1.33" in warning.message
+    assert "switch HDR and the like off, or send RAW" in warning.message
+    assert warning.figures == {"power": 0.25, "least": 0.9, "most": 1.333}
 
 
 @pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
@@ -163,11 +179,11 @@ def test_one_photograph_without_colour_is_told(
     green = np.asarray(both[which].pixels[..., 1:2])
     both[which] = replace(both[which], pixels=np.repeat(green, 3, axis=2))
 
-    warnings = rendering_warnings(both[0], both[1], 1.0, None)
+    warnings = rendering_warnings(both[0], both[1], 1.0, Rendering())
 
     assert [warning.code for warning in warnings] == ["one_grey"]
     assert warnings[0].message.startswith(f"The photograph {name} the flash is grey, the other")
-    assert rendering_warnings(both[which], both[which], 1.0, None) == []
+    assert rendering_warnings(both[which], both[which], 1.0, Rendering()) == []
 
 
 def test_linear_values_may_be_exposed_as_they_like(

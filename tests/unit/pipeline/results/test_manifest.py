@@ -20,6 +20,7 @@ from pipeline.mixes.mix import mix_basis
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.align import Alignment
 from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.reduced import reduce_pair
 from pipeline.pair.tone_curve import ToneCurve
 from pipeline.photometric_stereo.facing import Facing
@@ -90,6 +91,7 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["exposure_ratio"] == 1.0
     assert found["exposure_source"] == "option"
     assert found["tone_curve"] is None
+    assert found["local_tone_mapping"] is None
     assert found["balance_change"] is None
     assert found["moved"] == 0.0
     assert found["alignment"] == {
@@ -178,6 +180,16 @@ def test_a_balance_that_was_taken_off_is_written(
     found = manifest_of(pair_with={"balance_change": BalanceChange(1.25, 0.8)})
 
     assert found["balance_change"] == {"red": 1.25, "blue": 0.8}
+
+
+def test_a_local_tone_mapping_that_was_taken_off_is_written(
+    manifest_of: Callable[..., dict[str, Any]],
+) -> None:
+    mapping = LocalToneMapping(np.log([[0.75, 1.5]]), 8, 0.25)
+
+    found = manifest_of(pair_with={"local_tone_mapping": mapping})
+
+    assert found["local_tone_mapping"] == {"power": 0.25, "least": 0.75, "most": 1.5}
 
 
 def test_alignment_is_told_with_its_matrix(manifest_of: Callable[..., dict[str, Any]]) -> None:
