@@ -45,6 +45,9 @@ FIRST_LISTING_S = 180.0
 libgphoto2 then asks about each file by itself, and remembers the answers.
 """
 
+SLOWEST = 500_000
+"""Bytes a second that a file may come with from a camera that gives no parts of it."""
+
 _DEEPEST = 16  # folders in each other; no camera has more, but one with nonsense may tell of more
 _PORTS = ("usb", "ptpip")  # others would read files of this computer, or its serial ports
 
@@ -175,7 +178,9 @@ class GphotoCamera(Camera):
         size = self.describe(handle).size
         require_size(size, into)
         while offset < size:
-            chunk: bytes = self._call("chunk", handle, offset)
+            chunk: bytes | None = self._call("chunk", handle, offset)
+            if chunk is None:
+                chunk = self._call("whole", handle, patience_s=size / SLOWEST)[offset:]
             if not 0 < len(chunk) <= size - offset:
                 raise errors.TransferError(
                     f"The camera sent {len(chunk)} bytes where {size - offset} are left of a "

@@ -238,11 +238,21 @@ class Calls:
             told.append(Event(_EVENTS.get(kind, EventKind.OTHER)))
         return told
 
-    def chunk(self, handle: int, offset: int) -> bytes:
-        """Some bytes of a file."""
-        buffer = bytearray(_CHUNK_BYTES)
-        count = self._camera.file_read(*self._place(handle), gp.GP_FILE_TYPE_NORMAL, offset, buffer)
+    def chunk(self, handle: int, offset: int) -> bytes | None:
+        """Some bytes of a file; None from a camera that gives files as a whole alone."""
+        buffer, place = bytearray(_CHUNK_BYTES), self._place(handle)
+        try:
+            count = self._camera.file_read(*place, gp.GP_FILE_TYPE_NORMAL, offset, buffer)
+        except gp.GPhoto2Error as error:
+            if error.code == gp.GP_ERROR_NOT_SUPPORTED:
+                return None
+            raise
         return bytes(buffer[:count])
+
+    def whole(self, handle: int) -> bytes:
+        """All bytes of a file."""
+        file = self._camera.file_get(*self._place(handle), gp.GP_FILE_TYPE_NORMAL)
+        return bytes(file.get_data_and_size())
 
     def close(self) -> None:
         """Give the camera back."""

@@ -27,13 +27,18 @@ _RANDOM = Random(1)
 
 
 @pytest.fixture
-def virtual(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[PtpCamera]:
+def bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[VirtualCamera]:
     noise = Image.frombytes("RGB", (700, 500), _RANDOM.randbytes(700 * 500 * 3))
     noise.save(tmp_path / "GPH_0001.JPG", quality=95)
     bus = VirtualCamera(tmp_path, monkeypatch.setenv)
+    yield bus
+    bus.stop()
+
+
+@pytest.fixture
+def virtual(bus: VirtualCamera) -> Iterator[PtpCamera]:
     with PtpCamera("vcamera", usb.connect("", bus, SystemClock()), SystemClock()) as camera:
         yield camera
-    bus.stop()
 
 
 @pytest.fixture
@@ -50,7 +55,7 @@ def responder(tmp_path: Path, lacking: Callable[[str], None]) -> Iterator[PtpCam
     bus.stop()
 
 
-def files(camera: PtpCamera) -> list[CameraObject]:
+def files(camera: drivers.Camera) -> list[CameraObject]:
     described = [camera.describe(handle) for handle in sorted(camera.objects())]
     return [item for item in described if item.kind != "folder"]
 
@@ -78,6 +83,16 @@ def test_photographs_of_the_virtual_camera_come_whole(virtual: PtpCamera, tmp_pa
     assert (item.kind, item.size, item.name) == ("jpeg", len(stored), "GPH_0001.JPG")
     assert fetch(virtual, item) == stored
     assert b"".join(virtual.download(item.handle, 1000)) == stored[1000:]
+
+
+@pytest.mark.usefixtures("bus")
+def test_photographs_of_the_virtual_camera_come_whole_by_libgphoto2(tmp_path: Path) -> None:
+    """It gives libgphoto2 no parts of a file."""
+    stored = (tmp_path / "GPH_0001.JPG").read_bytes()
+    with drivers.open_camera("gphoto2://") as camera:
+        (item,) = files(camera)
+        assert fetch(camera, item) == stored
+        assert b"".join(camera.download(item.handle, 1000)) == stored[1000:]
 
 
 def test_the_virtual_camera_tells_of_what_it_photographs(

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.camera import CameraObject, Event, EventKind, Setting, SettingName
 from drivers.errors import CameraTimeoutError, SettingError, TransferError
-from drivers.gphoto.backend import FIRST_LISTING_S, GphotoCamera
+from drivers.gphoto.backend import FIRST_LISTING_S, SLOWEST, GphotoCamera
 from drivers.shot import fetch
 
 
@@ -41,6 +41,24 @@ def test_a_file_whose_size_changes_is_no_photograph(size: int) -> None:
     camera.file = bytes(size)
     with pytest.raises(TransferError, match=f"says {size} bytes where it said 10 before"):
         fetch(camera, described)
+
+
+class Whole(Answering):
+    """A camera that gives its file as a whole alone."""
+
+    def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:
+        if method == "chunk":
+            return None
+        if method == "whole":
+            assert (arguments, patience_s) == ((1,), len(self.file) / SLOWEST)
+            return self.file
+        return super()._call(method, *arguments)
+
+
+def test_a_file_is_fetched_whole_from_a_camera_that_gives_no_parts() -> None:
+    camera = Whole(b"0123456789")
+    assert fetch(camera, camera.describe(1)) == b"0123456789"
+    assert b"".join(camera.download(1, 4)) == b"456789"
 
 
 class Stubborn(GphotoCamera):

@@ -26,6 +26,8 @@ IMAGE, TRIGGER, DELETE = 1, 32, 2
 
 Store = SimpleNamespace
 
+FILES = {("/store_00010001", "DSC_1.JPG"): b"0123456", ("/store_00020001", "DSC_1.JPG"): b"abcdefg"}
+
 
 class LibraryError(Exception):
     """As libgphoto2 raises it."""
@@ -91,6 +93,7 @@ class Device:
         self.refuses = False
         self.open = False
         self.operations = 0
+        self.refuses_parts: int | None = None
         self.stores: list[Any] | int = [Store(fields=FREE, freekbytes=3), Store(fields=0)]
 
     def init(self) -> None:
@@ -133,6 +136,16 @@ class Device:
     def folder_list_files(self, folder: str) -> list[tuple[str, None]]:
         return [] if folder == "/" else [("DSC_1.JPG", None)]
 
+    def file_read(self, folder: str, name: str, _kind: int, offset: int, into: bytearray) -> int:
+        if self.refuses_parts is not None:
+            raise LibraryError(self.refuses_parts)
+        part = FILES[folder, name][offset:][:3]
+        into[: len(part)] = part
+        return len(part)
+
+    def file_get(self, folder: str, name: str, _kind: int) -> SimpleNamespace:
+        return SimpleNamespace(get_data_and_size=lambda: memoryview(FILES[folder, name]))
+
     def file_get_info(self, _folder: str, _name: str) -> SimpleNamespace:
         return SimpleNamespace(file=SimpleNamespace(size=7))
 
@@ -157,6 +170,7 @@ def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         GP_WIDGET_RADIO=RADIO,
         GP_WIDGET_MENU=RADIO + 1,
         GP_WIDGET_RANGE=RANGE,
+        GP_FILE_TYPE_NORMAL=1,
         GP_EVENT_TIMEOUT=TIMEOUT,
         GP_EVENT_FILE_ADDED=FILE_ADDED,
         GP_EVENT_CAPTURE_COMPLETE=CAPTURE_COMPLETE,
@@ -359,3 +373,22 @@ def test_a_camera_whose_photographs_libgphoto2_only_fetches_is_refused(
     device.operations = DELETE
     with pytest.raises(SettingError, match="libgphoto2 cannot release this camera"):
         calls.check_release()
+
+
+def test_a_file_is_read_in_parts(calls: Any) -> None:
+    (handle,), _ = calls.list_folder("/store_00010001")
+    assert [calls.chunk(handle, offset) for offset in (0, 3, 6)] == [b"012", b"345", b"6"]
+
+
+def test_of_a_camera_that_gives_no_parts_a_file_is_read_whole(calls: Any, device: Device) -> None:
+    device.refuses_parts = NOT_SUPPORTED
+    (handle,), _ = calls.list_folder("/store_00020001")
+    assert calls.chunk(handle, 0) is None
+    assert calls.whole(handle) == b"abcdefg"
+
+
+def test_a_part_that_fails_is_no_camera_without_parts(calls: Any, device: Device) -> None:
+    device.refuses_parts = IO
+    (handle,), _ = calls.list_folder("/store_00010001")
+    with pytest.raises(LibraryError, match=str(IO)):
+        calls.chunk(handle, 0)
