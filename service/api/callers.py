@@ -133,8 +133,8 @@ class Standing:
 def _check_keyless(connection: sa.Connection, request: Request, settings: Settings) -> None:
     if keys.required(settings) or came_through_proxy(request) or keys.any_made(connection):
         raise UnauthorizedError(
-            "This service needs a key: send `Authorization: Bearer ll_…`; who runs the service "
-            "makes one with `lightlayers keys create`."
+            "This service needs a key: send `Authorization: Bearer ll_…`, and let commands have it "
+            "in LIGHTLAYERS_KEY; who runs the service makes one with `lightlayers keys create`."
         )
     check_origin(request, settings)
 

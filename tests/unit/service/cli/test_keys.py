@@ -102,4 +102,5 @@ def test_a_service_that_needs_a_key_says_so_to_the_command(
     bearing(context, "read")
     out = ["-o", str(tmp_path / "out"), "--url", str(http.base_url)]
     assert run(["submit", *pair, *out]) == 2
-    assert "This service needs a key" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "This service needs a key" in said and "commands have it in LIGHTLAYERS_KEY" in said
