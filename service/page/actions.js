@@ -7,6 +7,12 @@ import { untouched } from "./mix.js";
 import { goTo, tellProblem } from "./notes.js";
 
 const SWAPPED = "urn:lightlayers:problem:swapped-pair";
+const UNREADABLE = "urn:lightlayers:problem:unreadable-image";
+
+/** Whether a job that has ended may come to another end: photographs that cannot be read stay as they are. */
+export function mayRunAgain(job) {
+  return job.state !== "expired" && !(job.inputs && job.error?.type === UNREADABLE);
+}
 
 export function actionsOf(job, signal) {
   const problems = h("div");
@@ -27,7 +33,7 @@ export function actionsOf(job, signal) {
   };
   const row = h("p", { className: "row actions" });
   if (job.options.kind === "mix") row.append(mixerOf(job.options));
-  else if (job.state !== "expired") row.append(button(swapped ? "Swap and run again" : "Run again", attempt(again)));
+  else if (mayRunAgain(job)) row.append(button(swapped ? "Swap and run again" : "Run again", attempt(again)));
   row.append(button("Delete", attempt(gone)), h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
   return h("div", {}, row, problems);
 }

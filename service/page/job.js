@@ -1,7 +1,7 @@
 // One job: how far it is, why it failed, or its results.
 
 import { alarm, entitle, h, say } from "./dom.js";
-import { actionsOf } from "./actions.js";
+import { actionsOf, mayRunAgain } from "./actions.js";
 import { get } from "./api.js";
 import { filesOf } from "./files.js";
 import { otherwiseForm } from "./otherwise.js";
@@ -24,7 +24,7 @@ export async function showJob(main, id, signal, again) {
     await showResult(main, job, signal, again);
   } else {
     const parts = job.state === "succeeded" ? [...(await toldOf(job)), filesOf(job, signal)] : [reasonOf(job)];
-    if (job.inputs && !job.options.kind && job.state !== "expired") parts.push(otherwiseForm(job, signal).element);
+    if (job.inputs && !job.options.kind && mayRunAgain(job)) parts.push(otherwiseForm(job, signal).element);
     if (signal.aborted) return;
     main.append(h("h1", { textContent: kindOf(job) }), ...parts, actionsOf(job, signal));
   }

@@ -202,3 +202,20 @@ def test_what_is_no_pair_to_be_separated_is_not_asked_for_otherwise(
     page.goto(f"/#/jobs/{done['id']}")
     expect(page.get_by_role("button", name="Delete")).to_be_visible()
     expect(page.get_by_text("Number of lamps, exposure ratio")).to_have_count(0)
+
+
+@pytest.mark.parametrize("has_inputs", [True, False])
+def test_photographs_that_cannot_be_read_are_not_run_again(
+    page: Page, done: dict[str, Any], has_inputs: bool
+) -> None:
+    """A camera that took none takes others."""
+    error = {"type": "urn:lightlayers:problem:unreadable-image", "title": "No", "status": 422}
+    error |= {"detail": "It is damaged: send it again.", "retryable": False, "trace_id": ""}
+    failed = {**done, "state": "failed", "error": error, "files": []}
+    failed |= {} if has_inputs else {"inputs": None, "capture": {"camera": "sim://studio"}}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=failed))
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.get_by_role("alert")).to_contain_text("It is damaged")
+    expect(page.get_by_role("link", name="Add two photographs")).to_be_visible()
+    expect(page.get_by_role("button", name="Run again")).to_have_count(0 if has_inputs else 1)
+    expect(page.get_by_text("Number of lamps, exposure ratio")).to_have_count(0)
