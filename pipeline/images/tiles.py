@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.images.coded_image import CodedImage
 
-TILE_ROWS = 32
-"""Rows of a tile."""
+TILE_ROWS = 64
+"""Rows of a tile: 8 of means over 8 × 8 pixels."""
 
 _COLUMNS = 128
 

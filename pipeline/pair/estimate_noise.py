@@ -46,7 +46,7 @@ _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom
 
 
 def estimate_noises(
-    first: Photograph, second: Photograph, unusable: Mask | None = None
+    first: Photograph, second: Photograph, unusable: Mask | None = None, compressed: bool = False
 ) -> tuple[Noise, Noise]:
     """Estimate the noise of two photographs from flat areas, and from what they do not share.
 
@@ -57,8 +57,10 @@ def estimate_noises(
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
     other photograph does not explain is less; it counts, but at least as a 100th. Done on the
     photographs and on means of 2×2 pixels, since denoising and compression leave noise that hides
-    from neighbouring pixels; smaller than 64 pixels, once. Of photographs of more than two million
-    pixels, two are looked at, in tiles all over the picture.
+    from neighbouring pixels; smaller than 64 pixels, once. Its grain comes from means of ever more
+    pixels, of which texture that both share is no part either, unless either was compressed: of so
+    few independent values, the other's explain more by chance. Of photographs of more than two
+    million pixels, two are looked at, in tiles all over the picture.
     """
     height, width = first.shape[:2]
     large = height * width > _ENOUGH
@@ -67,15 +69,23 @@ def estimate_noises(
     one, other = (
         tiles(each, _ENOUGH) if large else np.ascontiguousarray(each[:]) for each in (first, second)
     )
-    means, other_means = (_halved(pixels) if scales else pixels for pixels in (one, other))
     marked = np.zeros((height, width), np.bool_) if unusable is None else unusable
     marked = (tiles(marked, _ENOUGH) if large else marked) | (_even(one) & _even(other))
-    known = _open_blocks(marked, BLOCK), _open_blocks(marked, 2 * BLOCK)
+    known = [_open_blocks(marked, side * BLOCK) for side in (1, *scales)]
+    means, other_means = (_means_of(pixels, scales) for pixels in (one, other))
     own, others = at_once(
-        lambda two: _noise_of(*two, known, rows, scales),
-        ((one, other, means, other_means), (other, one, other_means, means)),
+        lambda two: _noise_of(*two, known, rows, scales, compressed),
+        ((means, other_means), (other_means, means)),
     )
     return own, others
+
+
+def _means_of(pixels: Image, scales: list[int]) -> list[Image]:
+    """A picture, and means over squares of its pixels, each scale twice as wide as the last."""
+    means = [pixels]
+    for _ in scales:
+        means.append(_halved(means[-1]))
+    return means
 
 
 def _even(pixels: Image) -> Mask:
@@ -86,64 +96,70 @@ def _even(pixels: Image) -> Mask:
 
 
 def _open_blocks(marked: Mask, side: int) -> Mask:
-    """Blocks (H // side, W // side) without a marked pixel in or beside them; all if few are."""
+    """Blocks (H // side, W // side) without a marked pixel in or beside them."""
     height, width = (length // side for length in marked.shape)
-    everywhere = np.ones((height, width), np.bool_)
     if not marked.any():
-        return everywhere
+        return np.ones((height, width), np.bool_)
     kernel = np.ones((2 * _BESIDE + 1, 2 * _BESIDE + 1), np.uint8)
     near = cv2.dilate(marked.astype(np.uint8), kernel)[: height * side, : width * side]
-    open_ones = near.reshape(height, side, width, side).max(axis=(1, 3)) == 0
-    return open_ones if np.count_nonzero(open_ones) >= _BINS else everywhere
+    return np.asarray(near.reshape(height, side, width, side).max(axis=(1, 3)) == 0)
 
 
 def _noise_of(
-    pixels: Image,
-    others: Image,
-    means: Image,
-    other_means: Image,
-    known: tuple[Mask, Mask],
+    means: list[Image],
+    others: list[Image],
+    known: list[Mask],
     rows: int,
     scales: list[int],
+    compressed: bool,
 ) -> Noise:
-    """The noise of pixels, of which others show the same things.
+    """The noise of a picture, of which others show the same things.
 
-    means, other_means: of 2×2 pixels of them. known: blocks of both that tell of noise. rows,
-    scales: as in _grain.
+    means, others: as of _means_of. known: their blocks that tell of noise. rows, scales: as in
+    _grain. compressed: as of estimate_noises.
     """
-    typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
-    lines = [_line(pixels, others, typical, known[0])]
-    if scales:
-        lines.append(_line(means, other_means, typical, known[1]))
-    levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
-    loudest = int(np.argmax(levels))
-    noise = Noise(*lines[loudest])
-    return Noise(
-        noise.gain, noise.floor, _grain(pixels, means, known[0], rows, scales, lines[0], noise)
-    )
+    typical = np.median(means[0][::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
+
+    def line(at: int) -> tuple[Floats64, Floats64]:
+        few = np.count_nonzero(known[at]) < _BINS
+        return _line(means[at], others[at], typical, np.ones_like(known[at]) if few else known[at])
+
+    def level(gain: Floats64, floor: Floats64) -> float:
+        return float((gain * np.maximum(typical, 0) + floor).sum())
+
+    lines = [line(at) for at in range(min(len(means), 2))]
+    noise = Noise(*max(lines, key=lambda one: level(*one)))
+    most = []
+    for at, scale in enumerate(scales, start=1):
+        told = not compressed and np.count_nonzero(known[at]) >= _BINS
+        found = level(*(lines[1] if at == 1 else line(at))) if told else np.inf
+        most.append(scale**2 * found / level(noise.gain, noise.floor))
+    grain = _grain(means, known[0], rows, scales, lines[0], noise, most)
+    return Noise(noise.gain, noise.floor, grain)
 
 
 def _grain(
-    pixels: Image,
-    means: Image,
+    means: list[Image],
     known: Mask,
     rows: int,
     scales: list[int],
     line: tuple[Floats64, Floats64],
     noise: Noise,
+    most: list[float],
 ) -> float:
     """Area over which the noise hangs together, from means of ever more pixels.
 
-    means: of 2×2 pixels. known: blocks of pixels that tell of noise. rows: of pixels that hang
-    together. scales: of GRAIN_SCALES.
+    means: as of _means_of. known: blocks of pixels that tell of noise. rows: of pixels that hang
+    together. scales: of GRAIN_SCALES. most: what is left at each without what the other photograph
+    shares; it counts where it is less than half, as for the noise itself.
     """
     grain = 1.0
     if not scales:
         return grain
-    flat = _flat_blocks(pixels, line) & known
-    for scale in scales:
-        means = means if scale == scales[0] else _halved(means)
-        found = scale**2 * _relative_variance(means, flat, rows // scale, scale, noise)
+    flat = _flat_blocks(means[0], line) & known
+    for scale, pixels, unshared in zip(scales, means[1:], most, strict=True):
+        found = scale**2 * _relative_variance(pixels, flat, rows // scale, scale, noise)
+        found = unshared if unshared < _LESS * found else found
         if scale == scales[0] and abs(np.log(max(found, 1e-9))) < np.log(_WHITE):
             break  # bare noise: what larger means hold beyond it is texture
         grain = max(grain, found)

@@ -280,7 +280,8 @@ def _noises(
     ratio: float,
 ) -> tuple[Noise, Noise]:
     """The noise of both frames' pixels, the flash frame's laid elsewhere and divided by a ratio."""
-    first, second = estimate_noises(before, after, unusable)
+    compressed = no_flash.compression is not None or flash.compression is not None
+    first, second = estimate_noises(before, after, unusable, compressed)
     if no_flash.compression is not None:
         first = first.plus(no_flash.compression)
     if flash.compression is not None:

@@ -184,6 +184,32 @@ def test_noise_is_found_under_texture_that_the_other_photograph_shares(
     assert (noise_of(noisy(light)).variance(np.full(3, 0.3)) > 10 * (GAIN * 0.3 + FLOOR)).all()
 
 
+def faintly_textured(height: int, width: int) -> tuple[Floats32, Floats32]:
+    """Both photographs of a texture that hides in the noise of single pixels, not of means."""
+    drawn = np.random.default_rng(3).normal(0, 1, (height, width, 3))
+    soft = cv2.GaussianBlur(drawn, (0, 0), 1.2)
+    light = np.maximum(0.3 + 0.02 * soft / soft.std(), 0.0)
+    return noisy(light, seed=1), noisy(light @ MIXED.T, seed=2)
+
+
+@pytest.mark.parametrize("size", [(512, 640), (1600, 1400)])
+def test_faint_texture_that_both_share_is_no_grain(size: tuple[int, int]) -> None:
+    """Small pictures, and large ones of which tiles are looked at."""
+    one, other = faintly_textured(*size)
+
+    for found in estimate_noises(one, other):
+        assert found.grain < 4
+    assert noise_of(one).grain > 30
+
+
+def test_compressed_photographs_have_their_own_grain() -> None:
+    one, other = faintly_textured(512, 640)
+
+    found, _ = estimate_noises(one, other, compressed=True)
+
+    assert found.grain == noise_of(one).grain
+
+
 def test_texture_that_both_share_leaves_a_100th_of_its_variance() -> None:
     light = textured()
     one, other = (np.asarray(image, np.float32) for image in (light, light @ MIXED.T))
