@@ -11,7 +11,7 @@ from pipeline.lamps.known_lamps import find_known
 from pipeline.lamps.lamps import Lamps, estimate_lamps
 from pipeline.lamps.shining import shining_warning, without_shining
 from pipeline.light.model import Model
-from pipeline.options import Options
+from pipeline.options import LampCount, Options
 from pipeline.output_names import outputs_with
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
@@ -20,6 +20,7 @@ from pipeline.photometric_stereo.focal import focal_length_px
 from pipeline.pictures.response import camera_changes
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
+from pipeline.separation.changed_lamps import without_change
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,16 @@ def make_estimate(
     """
     known = find_known(options, reduced, model)
 
-    def find(some: ReducedPair) -> Lamps:
-        return estimate_lamps(some, model, options.number_of_lamps, options.method, known)
+    def find(some: ReducedPair, number: LampCount = options.number_of_lamps) -> Lamps:
+        return estimate_lamps(some, model, number, options.method, known)
 
     lamps, shining, warnings = find(reduced), None, []
     if options.method == "best" and (rest := without_shining(reduced, lamps, find)) is not None:
         reduced, lamps, shining = rest.reduced, rest.lamps, rest.shining
         warnings.append(shining_warning(float(shining.mean())))
+    if options.method == "best" and (steady := without_change(reduced, lamps, find)) is not None:
+        reduced, lamps, told = steady
+        warnings.append(told)
     warnings += doubts(pair, reduced, lamps, options.method, wanted)
     if options.method == "paper":
         warnings += doubts_of_published(reduced, lamps, model)

@@ -62,7 +62,8 @@ class Lamps:
     not explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a
     terminator shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks
     against what was pinned or forbidden. rival_deg: how far in colour lamps are from these that
-    another search came to, in degrees (_rival_deg); 0 where there was none.
+    another search came to, in degrees (_rival_deg); 0 where there was none. changes: (N,) by how
+    much brighter each was in the flash photograph, of itself; None where none changed.
     """
 
     coefficients: Floats64
@@ -79,6 +80,7 @@ class Lamps:
     alone: Floats64
     contradictions: tuple[RunWarning, ...]
     rival_deg: float = 0.0
+    changes: Floats64 | None = None
 
     def __len__(self) -> int:
         return len(self.coefficients)

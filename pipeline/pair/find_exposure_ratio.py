@@ -16,8 +16,8 @@ from pipeline.pair.one_surface import Seen, pairs_apart
 from pipeline.pair.ratios import Ratios
 
 # Chosen on development scenes (docs/trials/exposure_ratio.md)
-_LONG_SIDE = 64  # blocks: noise and code values count for more than small surfaces
-_OFFSETS = (
+LONG_SIDE = 64  # blocks: noise and code values count for more than small surfaces
+OFFSETS = (
     *((0, 1), (1, 0), (0, 2), (2, 0), (1, 1), (1, -1)),
     *((0, 4), (4, 0), (3, 3), (3, -3)),
 )
@@ -48,7 +48,7 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     most = float(np.quantile(least, _LEAST_RATIO))
     if np.median(least) < np.exp(_LEAST_SPREAD) * most:
         return None
-    pairs = pairs_apart(most / quotients, known, _OFFSETS, _FEW_PAIRS)
+    pairs = pairs_apart(most / quotients, known, OFFSETS, _FEW_PAIRS)
     if pairs is None:
         return None
     light = np.stack([no_flash.reshape(-1, 3), flash.reshape(-1, 3)]).take(pairs, axis=1)
@@ -64,19 +64,20 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
 
 def _blocks(ratios: Ratios) -> tuple[Floats64, Floats64, Mask]:
     """Both photographs (h, w, 3) > 0 in larger blocks, and which tell: half of each is usable."""
-    side = -(-max(ratios.usable.shape) // _LONG_SIDE)
+    side = -(-max(ratios.usable.shape) // LONG_SIDE)
     flash = ratios.no_flash * np.exp(ratios.logs)
     usable = ratios.usable[..., None].astype(np.float64)
-    count = _sums(usable, side)
+    count = sums_of_blocks(usable, side)
     means = [
-        _sums(each * usable, side) / np.maximum(count, 1.0) for each in (ratios.no_flash, flash)
+        sums_of_blocks(each * usable, side) / np.maximum(count, 1.0)
+        for each in (ratios.no_flash, flash)
     ]
     known = np.asarray(count[..., 0] >= side**2 / 2)
     no_flash, flash = (np.where(known[..., None], mean, 1.0) for mean in means)
     return no_flash, flash, known
 
 
-def _sums(blocks: Floats64, side: int) -> Floats64:
+def sums_of_blocks(blocks: Floats64, side: int) -> Floats64:
     """Sums over squares of blocks; what is left over at the right and bottom is dropped."""
     height, width = (length // side for length in blocks.shape[:2])
     cropped = blocks[: height * side, : width * side]

@@ -34,6 +34,7 @@ from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
 from pipeline.progress import Progress
 from pipeline.separation import smoothing
+from pipeline.separation.changed_lamps import lit_by_flash
 from pipeline.separation.fill import Surroundings
 from pipeline.separation.find_highlights import find_highlights
 from pipeline.separation.proportions import model_proportions
@@ -95,6 +96,7 @@ def separate(
         confidence, placed, uncertainty = _reliability(pair, wide, photograph, lamps.least_sine)
         if pair.registration_px > 0:
             flash = placing.place_flash(no_flash, flash, placed, confidence)
+        flash = lit_by_flash(no_flash, flash, lamps)
         proportions = model_proportions(no_flash, flash, lamps)
         in_guide = flash if as_bright is None else flash * as_bright
         smooth = smoothing.smooth_proportions(

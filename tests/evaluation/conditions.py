@@ -33,6 +33,7 @@ class Condition:
     mapping: power of its surroundings by which the camera divides the light of a JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     shake_px: of the hand during the one without the flash.
+    lamp_change: by how much brighter the first lamp is in the flash photograph, of itself.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
     colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
@@ -48,6 +49,7 @@ class Condition:
     exposure: float = 1.0
     motion_px: float = 0.0
     shake_px: float = 0.0
+    lamp_change: float = 0.0
     camera: str | None = None
     camera_told: bool = True
     flash: str | None = None
@@ -61,6 +63,9 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
     if condition.shake_px:
         rendered = shaken(rendered, condition.shake_px)
+    if condition.lamp_change:
+        more = np.float32(condition.lamp_change) * rendered.lamps[0]
+        rendered = replace(rendered, flash_frame=rendered.flash_frame + more)
     if condition.files == "jpeg":
         taken = capture_jpeg(rendered, condition.contrast, condition.balance, condition.mapping)
     else:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -115,3 +116,33 @@ def test_impossible_layers_are_told_of_the_method_that_makes_them(
     monkeypatch.setattr(estimate_module, "doubts_of_published", lambda *_: [told])
 
     assert (told in estimated(method=method).warnings) == (method == "paper")
+
+
+def test_a_lamp_that_was_brighter_with_the_flash_is_told_and_taken_off(
+    shadowed: Callable[[Floats64], Any],
+    frame: Callable[..., Frame],
+    model: Model,
+    warm_to_cool: Any,
+) -> None:
+    steady, bulb = shadowed(warm_to_cool[[0, 2]]), shadowed(warm_to_cool[:1])
+    brighter = replace(steady, flash=steady.flash + np.float32(0.2) * bulb.no_flash)
+
+    found, usual = (
+        make_estimate(
+            pair,
+            reduce_pair(pair),
+            model,
+            frame(np.zeros((64, 96, 3))),
+            Options(lights=2),
+            frozenset(),
+            Progress(),
+        )
+        for pair in (brighter, steady)
+    )
+
+    told = [warning for warning in found.warnings if warning.code == "light_changed"]
+    assert [warning.figures["lamp"] for warning in told] == [1]
+    assert found.lamps.changes == pytest.approx([0.2, 0.0], abs=0.03)
+    np.testing.assert_allclose(found.reduced.flash, usual.reduced.flash, rtol=0.05, atol=1e-4)
+    assert usual.lamps.changes is None
+    assert "light_changed" not in [warning.code for warning in usual.warnings]

@@ -382,3 +382,22 @@ def test_a_reduced_pair_is_separated_about_as_the_pair(
     np.testing.assert_allclose(strip.layers[:, :18], layers[:, :18], rtol=0.05, atol=0.005)
     assert not strip.confidence[clipped].any()
     assert strip.confidence[:18].mean() > 0.9
+
+
+@pytest.mark.parametrize("rows", [7, 1000])
+def test_what_a_lamp_gave_more_with_the_flash_is_no_light_of_the_flash(
+    separated: Callable[..., Strip],
+    exact: Exact,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+    rows: int,
+) -> None:
+    chosen = warm_to_cool[[0, 2]]
+    pair, layers = exact(chosen)
+    brighter = replace(pair, flash=pair.flash + (0.2 * layers[0]).astype(np.float32))
+
+    found = separated(brighter, lamps_of(chosen, changes=np.array([0.2, 0.0])), rows=rows)
+
+    usual = separated(pair, lamps_of(chosen))
+    np.testing.assert_allclose(found.flash, usual.flash, rtol=0.02, atol=1e-4)
+    np.testing.assert_allclose(found.layers, usual.layers, rtol=0.05, atol=2e-3)

@@ -1,0 +1,236 @@
+"""Lamps that were brighter or dimmer by the time of the flash photograph, as their colours tell.
+
+What the flash photograph has more than the other is the flash's light, and what lamps gave more by
+then: mains flicker, a cloud, a lamp that warms up. On one surface the flash's light has one colour,
+and with some of a lamp's in it another wherever more of that lamp falls. So the changes are those
+without which most pairs of neighbouring places have flash parts of one colour, as the ratio of the
+exposures is told (find_exposure_ratio), lamp by lamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.arrays import Floats64
+from pipeline.errors import InputError
+from pipeline.images.frames import Image, Mask
+from pipeline.lamps.count import DOUBTFUL
+from pipeline.lamps.lamps import Lamps
+from pipeline.options import LampCount
+from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, sums_of_blocks
+from pipeline.pair.one_surface import pairs_apart
+from pipeline.pair.reduced import ReducedPair
+from pipeline.result_names import lamp_name
+from pipeline.run_warnings import Code, RunWarning
+from pipeline.separation.proportions import model_proportions
+
+# Chosen on development scenes (docs/trials/lamps_that_change.md)
+_FEW_PAIRS = 300
+_DIM_FLASH = 0.02  # of the 99th percentile; below, its colour is noise
+_WIDTHS = (0.1, 0.06, 0.04, 0.025, 0.015)  # natural logarithms of colour: the bell's, one by one
+_NEAR = 3  # of these, the narrow ones that refine what was found
+_STEPS = 5  # with each
+_RIDGE = 1e-3  # of all curvature
+_PEAK = (0.03, 0.08)  # the same: a bell less a wide one of the same volume, as of one_surface
+_GAIN, _LEAST_HEIGHT = 1.06, 0.5  # times the height, by a lamp that changed; % of the pairs
+_MOST = 0.4  # change; greater ones are found where little tells
+_LEAST_PART = 0.05  # of a flash part that may be left without a change
+_NOTABLE = 0.06  # change; less is told of unchanged lamps
+_SETTLED, _ROUNDS = 0.01, 4
+_SWEEPS = 3  # of lit_by_flash; each errs by the change times as much less
+
+
+def without_change(
+    reduced: ReducedPair, lamps: Lamps, estimate: Callable[[ReducedPair, LampCount], Lamps]
+) -> tuple[ReducedPair, Lamps, RunWarning] | None:
+    """Take what lamps gave more off the flash part, and find them again; None where none changed.
+
+    lamps: those of the pair as it is. estimate: finds so many. The lamps returned have `changes`,
+    by which lit_by_flash takes the same off any flash part; beside them is what to tell.
+
+    Where a single lamp was counted, two are tried, for a change hides a second one. Nothing is told
+    of one that was asked for, whose change is a ratio of the exposures, nor of photographs that a
+    camera rendered, whose curve changes colours, too.
+    """
+    asked = lamps.requested
+    if asked == 1 or reduced.rendered or reduced.flash_only:
+        return None
+    told, highest, best = np.zeros(0), 0.0, None
+    lit = reduced
+    try:
+        lamps = _several(lit, lamps, estimate)
+        for _round in range(_ROUNDS):
+            again = len(told) == len(lamps)
+            places = _places(reduced, lit, lamps)
+            changes = None
+            if places is not None:
+                changes = places.refined(told) if again else places.told()
+            if places is None or changes is None:
+                break
+            if again:
+                changes = (changes + told) / 2  # lamps by too small a change tell too great a one
+                if np.abs(changes - told).max() < _SETTLED:
+                    break
+            told = changes
+            lit = _without(reduced, replace(lamps, changes=told))
+            lamps = _several(lit, estimate(lit, asked), estimate)
+            height = places.height(told)
+            if height > highest and len(lamps) == len(told):
+                highest, best = height, replace(lamps, changes=told)
+    except InputError:  # nothing is left that tells of lamps, or they were forbidden
+        return None
+    if best is None or best.changes is None or np.abs(best.changes).max() <= _NOTABLE:
+        return None
+    warning = _warning(best.changes)
+    if best.requested != asked:
+        best = replace(best, requested=asked, confidence=DOUBTFUL)
+    return _without(reduced, best), best, warning
+
+
+def _several(
+    reduced: ReducedPair, lamps: Lamps, estimate: Callable[[ReducedPair, LampCount], Lamps]
+) -> Lamps:
+    """The lamps, or two where one was counted."""
+    return lamps if len(lamps) > 1 else estimate(reduced, 2)
+
+
+def _without(reduced: ReducedPair, lamps: Lamps) -> ReducedPair:
+    return replace(reduced, flash=lit_by_flash(reduced.no_flash, reduced.flash, lamps))
+
+
+def lit_by_flash(no_flash: Image, flash: Image, lamps: Lamps) -> Image:
+    """The flash part (h, w, 3) without what lamps gave more.
+
+    no_flash, flash: (h, w, 3) linear camera RGB, flash with it. Each lamp's light is its part of
+    the photograph without the flash, which is found by the flash part in turn.
+    """
+    if lamps.changes is None:
+        return flash
+    lit = flash
+    for _sweep in range(_SWEEPS):
+        parts = model_proportions(no_flash, lit, lamps)
+        more = sum(
+            np.float32(change) * part for change, part in zip(lamps.changes, parts, strict=True)
+        )
+        lit = np.asarray(flash - more * no_flash, dtype=flash.dtype)
+    return lit
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Pairs of places in which the lamps' share differs.
+
+    flash: (2, n, 3), what the flash photograph has more in either. light: (N, 2, n, 3), each
+    lamp's.
+    """
+
+    flash: Floats64
+    light: Floats64
+
+    def without(self, changes: Floats64) -> tuple[Floats64, Mask]:
+        """The flash parts (2, n, 3) > 0 without what lamps gave more, and where they are real."""
+        left = self.flash - np.tensordot(changes, self.light, 1)
+        least = _LEAST_PART * self.flash
+        return np.maximum(left, least), np.asarray((left > least).all(axis=(0, 2)))
+
+    def height(self, changes: Floats64) -> float:
+        """Of the peak of flash parts that have one colour in both places, % of the pairs."""
+        parts, real = self.without(changes)
+        apart = np.square(_apart(parts)).sum(axis=1)
+        narrow, wide = _PEAK
+        bells = np.exp(-0.5 * apart / narrow**2)
+        bells -= (narrow / wide) ** 2 * np.exp(-0.5 * apart / wide**2)
+        return float(100 * np.mean(real * bells))
+
+    def told(self) -> Floats64 | None:
+        """By how much each lamp (N,) was brighter with the flash; None where no change is told.
+
+        One lamp after the other is let change, that first by which most is gained: of a lamp of the
+        flash's own colour little tells.
+        """
+        steady = np.zeros(len(self.light))
+        changes, height = steady, self.height(steady)
+        free: list[int] = []
+        while len(free) < len(steady):
+            rest = [lamp for lamp in range(len(steady)) if lamp not in free]
+            fits = [self._fit([*free, lamp], steady, _WIDTHS) for lamp in rest]
+            heights = [self.height(fit) * (np.abs(fit).max() < _MOST) for fit in fits]
+            best = int(np.argmax(heights))
+            if heights[best] < _GAIN * max(height, _LEAST_HEIGHT):
+                break
+            free, changes, height = [*free, rest[best]], fits[best], heights[best]
+        return changes if np.abs(changes).max() > _NOTABLE else None
+
+    def refined(self, told: Floats64) -> Floats64:
+        """Changes (N,) near those told of other layers, 0 where they are."""
+        return self._fit([*np.flatnonzero(told)], told, _WIDTHS[-_NEAR:])
+
+    def _fit(self, free: list[int], changes: Floats64, widths: Sequence[float]) -> Floats64:
+        """Changes (N,), of these lamps alone, without which ever narrower bells hold most pairs."""
+        changes = changes.copy()
+        for width in np.repeat(widths, _STEPS):
+            parts, real = self.without(changes)
+            apart = _apart(parts)
+            slopes = -_colour(self.light[free] / parts)
+            slopes = slopes[:, 0] - slopes[:, 1]
+            weights = real * np.exp(-0.5 * np.square(apart).sum(axis=1) / width**2)
+            weighed = slopes * weights[:, None]
+            curvature = np.einsum("inc,jnc->ij", weighed, slopes)
+            curvature += (_RIDGE * np.trace(curvature) + 1e-12) * np.eye(len(free))
+            step = np.linalg.solve(curvature, np.einsum("inc,nc->i", weighed, apart))
+            changes[free] = np.clip(changes[free] - step, -_MOST, _MOST)
+        return changes
+
+
+def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | None:
+    """Pairs of larger blocks; None where there are too few.
+
+    lit: the pair with a flash part as far as it is known to be the flash's, by which lamps' shares
+    are found.
+    """
+    layers = model_proportions(lit.no_flash, lit.flash, lamps) * reduced.no_flash
+    side = -(-max(reduced.usable.shape) // LONG_SIDE)
+    usable = reduced.usable[..., None].astype(np.float64)
+    count = sums_of_blocks(usable, side)
+    flash, *light = (
+        sums_of_blocks(each * usable, side) / np.maximum(count, 1.0)
+        for each in (reduced.flash, *layers)
+    )
+    whole, strength = np.sum(light, axis=0), flash.sum(axis=2)
+    known = count[..., 0] >= side**2 / 2
+    known &= (whole > 0).all(axis=2) & (flash > 0).all(axis=2)
+    known &= strength > _DIM_FLASH * np.percentile(strength, 99)
+    flash, whole = (np.where(known[..., None], each, 1.0) for each in (flash, whole))
+    pairs = pairs_apart(whole / (whole + flash), known, OFFSETS, _FEW_PAIRS)
+    if pairs is None:
+        return None
+    flash, *light = (each.reshape(-1, 3)[pairs] for each in (flash, *light))
+    return _Places(flash, np.stack(light))
+
+
+def _apart(parts: Floats64) -> Floats64:
+    """How far two places' (2, n, 3) colours are apart, (n, 2)."""
+    colours = _colour(np.log(parts))
+    return np.asarray(colours[0] - colours[1])
+
+
+def _colour(values: Floats64) -> Floats64:
+    """Red and blue less green of (…, 3)."""
+    return np.asarray(values[..., [0, 2]] - values[..., [1]])
+
+
+def _warning(changes: Floats64) -> RunWarning:
+    """Tell which lamp changed most, and what came of it. changes: (N,)."""
+    lamp = int(np.abs(changes).argmax())
+    change = float(changes[lamp])
+    how = "brighter" if change > 0 else "weaker"
+    message = (
+        f"The light of {lamp_name(lamp)} was {abs(change):.0%} {how} in the flash photograph than "
+        "in the other. The pair shows it, and it was taken off as far as a pair tells: wait for "
+        "steady light, and under lamps on the mains expose for a multiple of 1/100 s (1/120 s "
+        "where the mains has 60 Hz)."
+    )
+    return RunWarning(Code.LIGHT_CHANGED, message, {"lamp": lamp + 1, "change": change})

@@ -1,0 +1,213 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.arrays import Floats32, Floats64
+from pipeline.errors import UnusablePairError
+from pipeline.lamps.count import DOUBTFUL
+from pipeline.lamps.lamps import Lamps
+from pipeline.options import LampCount
+from pipeline.pair.reduced import ReducedPair
+from pipeline.separation.changed_lamps import lit_by_flash, without_change
+from tests.reduced_pairs import HEIGHT, WIDTH, reduced_pair
+
+Build = Callable[..., Any]
+
+_PATCH = 8  # blocks of one surface
+
+
+@pytest.fixture
+def lamps(lamps_of: Build, warm_to_cool: Floats64) -> Lamps:
+    """A bulb and blue sky."""
+    found: Lamps = lamps_of(warm_to_cool[[0, 2]])
+    return found
+
+
+@pytest.fixture
+def room(surfaces: Floats64, lamps: Lamps) -> Callable[..., tuple[ReducedPair, Floats32]]:
+    """Patches of paint under shadows of both lamps, which changed, and the flash's own light."""
+
+    def build(
+        changes: tuple[float, float], even: bool = False, lit: Lamps = lamps, **more: Any
+    ) -> tuple[ReducedPair, Floats32]:
+        random = np.random.default_rng(3)
+        shape = HEIGHT // _PATCH, WIDTH // _PATCH
+        paint = surfaces[random.choice(len(surfaces), shape)]
+        flash = paint.repeat(_PATCH, axis=0).repeat(_PATCH, axis=1).astype(np.float32)
+        y, x = np.mgrid[:HEIGHT, :WIDTH]
+        shadows = np.sin(x / 5) * np.cos(y / 7) > 0
+        share = np.full(y.shape, 0.5) if even else np.where(shadows, 0.1, 0.9)
+        shares = np.stack([share, 1.0 - share])[..., None]
+        layers = shares * np.stack([flash @ matrix.T for matrix in lit.matrices])
+        more_light = np.tensordot(changes, layers, 1)
+        given = {"no_flash": layers.sum(axis=0), "flash": flash + more_light, **more}
+        pair = {name: np.asarray(given.pop(name), np.float32) for name in ("no_flash", "flash")}
+        return reduced_pair(pair["no_flash"], pair["flash"], **given), flash
+
+    return build
+
+
+def never(_: ReducedPair, __: LampCount) -> Lamps:
+    raise AssertionError("lamps are found once more")
+
+
+@pytest.mark.parametrize("changes", [(0.0, 0.0), (0.02, 0.0), (0.0, -0.02)])
+def test_steady_lamps_stay_as_they_were_found(
+    room: Build, lamps: Lamps, changes: tuple[float, float]
+) -> None:
+    reduced, _ = room(changes)
+
+    assert without_change(reduced, lamps, never) is None
+
+
+@pytest.mark.parametrize("changes", [(0.1, 0.0), (0.0, 0.1), (-0.15, 0.0), (0.3, 0.0)])
+def test_what_lamps_gave_more_is_taken_off_the_flash_part(
+    room: Build, lamps: Lamps, changes: tuple[float, float]
+) -> None:
+    reduced, flash = room(changes)
+    asked = []
+
+    def estimate(lit: ReducedPair, _: LampCount) -> Lamps:
+        asked.append(lit)
+        return lamps
+
+    found = without_change(reduced, lamps, estimate)
+
+    assert found is not None
+    steady, of_steady, _ = found
+    assert of_steady.changes is not None
+    np.testing.assert_allclose(of_steady.changes, changes, atol=0.01)
+    np.testing.assert_allclose(steady.flash, flash, rtol=0.02)
+    assert steady.no_flash is reduced.no_flash
+    np.testing.assert_array_equal(asked[0].no_flash, reduced.no_flash)
+    assert np.abs(asked[0].flash - flash).mean() < 0.3 * np.abs(reduced.flash - flash).mean()
+
+
+def test_what_cannot_be_used_tells_nothing(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.1, 0.0))
+    usable = np.ones((HEIGHT, WIDTH), bool)
+    usable[:, : WIDTH // 2] = False
+    wrong, _ = room((0.1, 0.0), usable=usable)
+    wrong.flash[~usable] = reduced.no_flash[~usable] * np.float32(3.0)
+
+    found = without_change(wrong, lamps, lambda _, __: lamps)
+
+    assert found is not None
+    assert found[1].changes is not None
+    np.testing.assert_allclose(found[1].changes, (0.1, 0.0), atol=0.01)
+
+
+@pytest.mark.parametrize("more", [{"rendered": True}, {"flash_only": True}])
+def test_renderings_and_flash_parts_given_alone_are_not_asked(
+    room: Build, lamps: Lamps, more: dict[str, Any]
+) -> None:
+    reduced, _ = room((0.3, 0.0))
+
+    assert without_change(replace(reduced, **more), lamps, never) is None
+
+
+def test_a_single_lamp_that_was_asked_for_is_not_asked(
+    room: Build, lamps_of: Build, warm_to_cool: Floats64
+) -> None:
+    reduced, _ = room((0.3, 0.3))
+
+    assert without_change(reduced, lamps_of(warm_to_cool[:1]), never) is None
+
+
+@pytest.mark.parametrize("changes", [(0.0, 0.0), (0.1, 0.0)])
+def test_two_lamps_are_tried_where_one_was_counted(
+    room: Build,
+    lamps: Lamps,
+    lamps_of: Build,
+    warm_to_cool: Floats64,
+    changes: tuple[float, float],
+) -> None:
+    """Also of the pair without the change, and then their number is a guess."""
+    reduced, _ = room(changes)
+    counted = lamps_of(warm_to_cool[:1], requested="auto")
+
+    found = without_change(
+        reduced, counted, lambda _, number: counted if number == "auto" else lamps
+    )
+
+    if not any(changes):
+        assert found is None
+    else:
+        assert found is not None
+        assert found[1].changes == pytest.approx(changes, abs=0.01)
+        assert (found[1].requested, found[1].confidence) == ("auto", DOUBTFUL)
+
+
+def test_changes_too_great_to_be_told_are_none(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.9, 0.0))
+
+    assert without_change(reduced, lamps, never) is None
+
+
+def test_even_light_tells_nothing(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.3, 0.0), even=True)
+
+    assert without_change(reduced, lamps, never) is None
+
+
+def test_where_nothing_is_usable_nothing_is_told(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.3, 0.0), usable=np.zeros((HEIGHT, WIDTH), bool))
+
+    assert without_change(reduced, lamps, never) is None
+
+
+def test_lamps_that_are_not_found_again_stay_as_they_were(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.2, 0.0))
+
+    def estimate(_: ReducedPair, __: LampCount) -> Lamps:
+        raise UnusablePairError("too few pixels")
+
+    assert without_change(reduced, lamps, estimate) is None
+
+
+def test_lamps_that_become_more_by_every_round_stay_as_they_were(
+    room: Build, lamps: Lamps, lamps_of: Build, warm_to_cool: Floats64
+) -> None:
+    """Changes that belong to other lamps than the last ones say nothing of these."""
+    reduced, _ = room((0.2, 0.0))
+    numbers = iter([3, 2, 3, 2])
+
+    def estimate(_: ReducedPair, __: LampCount) -> Lamps:
+        return lamps if next(numbers) == 2 else lamps_of(warm_to_cool)
+
+    assert without_change(reduced, lamps, estimate) is None
+
+
+def test_a_flash_part_of_steady_lamps_is_returned_itself(room: Build, lamps: Lamps) -> None:
+    reduced, _ = room((0.2, 0.0))
+
+    assert lit_by_flash(reduced.no_flash, reduced.flash, lamps) is reduced.flash
+
+
+@pytest.mark.parametrize(
+    ("changes", "lamp", "change", "said"),
+    [
+        ((0.0, 0.1), 2, 0.1, "lamp2 was "),
+        ((-0.2, 0.0), 1, -0.2, "% weaker"),
+    ],
+)
+def test_the_warning_names_the_lamp_that_changed_most(
+    room: Build,
+    lamps: Lamps,
+    changes: tuple[float, float],
+    lamp: int,
+    change: float,
+    said: str,
+) -> None:
+    found = without_change(room(changes)[0], lamps, lambda _, __: lamps)
+
+    assert found is not None
+    warning = found[2]
+    assert warning.code == "light_changed"
+    assert said in warning.message
+    assert warning.figures == {"lamp": lamp, "change": pytest.approx(change, abs=0.02)}
