@@ -43,6 +43,7 @@ _ESTIMATOR = (
     "pictures/white_balance.py",
     "process.py",
     "results",
+    "separation/changed_lamps.py",
     "separation/find_highlights.py",
     "separation/highlights.py",
     "separation/mirrored_light.py",
