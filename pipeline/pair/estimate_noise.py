@@ -23,6 +23,7 @@ from pipeline.pair.second_differences import (
 from pipeline.threads import at_once
 
 _BINS = 24  # of brightness, through whose points the line is laid
+_MANY = 240  # blocks of 2×2 means; of fewer the other photograph explains more by chance
 _SMALLEST = 32  # times the side of a grain that is looked for, of the shorter side
 _SPARSE = 8  # pixels between those that tell the typical colour
 _ENOUGH = 2_000_000  # pixels to tell the noise by
@@ -58,9 +59,9 @@ def estimate_noises(
     other photograph does not explain is less; it counts, but at least as a 100th. Done on the
     photographs and on means of 2×2 pixels, since denoising and compression leave noise that hides
     from neighbouring pixels; smaller than 64 pixels, once. Its grain comes from means of ever more
-    pixels, of which texture that both share is no part either, unless either was compressed: of so
-    few independent values, the other's explain more by chance. Of photographs of more than two
-    million pixels, two are looked at, in tiles all over the picture.
+    pixels, of which texture that both share is no part either, unless either was compressed or is
+    small: of so few independent values, the other's explain more by chance. Of photographs of more
+    than two million pixels, two are looked at, in tiles all over the picture.
     """
     height, width = first.shape[:2]
     large = height * width > _ENOUGH
@@ -130,8 +131,9 @@ def _noise_of(
     lines = [line(at) for at in range(min(len(means), 2))]
     noise = Noise(*max(lines, key=lambda one: level(*one)))
     most = []
+    shared = not compressed and len(known) > 1 and np.count_nonzero(known[1]) >= _MANY
     for at, scale in enumerate(scales, start=1):
-        told = not compressed and np.count_nonzero(known[at]) >= _BINS
+        told = shared and np.count_nonzero(known[at]) >= _BINS
         found = level(*(lines[1] if at == 1 else line(at))) if told else np.inf
         most.append(scale**2 * found / level(noise.gain, noise.floor))
     grain = _grain(means, known[0], rows, scales, lines[0], noise, most)
