@@ -30,11 +30,11 @@ _STEEPEST = 1.0  # a steeper S and a strong mapping take the colour out of all t
 _PAIRS, _ROUGH_PAIRS = 4_000, 1_500
 _WIDTHS = (0.03, 0.08)
 _LESS_STRONG, _LESS_CONTRAST = 1.5, 0.2  # natural logarithms of a height, for strength² and any
-_SURE, _SURE_BEYOND = 1.25, 1.1  # times the height without a mapping, and that beyond strangers
-_SURE_IN_PART = 1.1  # the same in each half of the picture
+_SURE, _SURE_BEYOND = 1.4, 1.2  # times the height without a mapping, and that beyond strangers
+_SURE_IN_PART = 1.15  # the same in each half of the picture
 _LEAST_HEIGHT = 1.5  # % of the pairs
 _LOW_RATIOS = (1.5, 2.0, 2.5)  # natural logarithms by which the lamps' light hardly counts
-_HIGHER = 2.0  # times the height by these
+_HIGHER = 2.5  # times the height by these
 _DARK = 1e-3
 
 

@@ -29,6 +29,7 @@ from pipeline.separation.proportions import model_proportions
 
 # Chosen on development scenes (docs/trials/lamps_that_change.md)
 _FEW_PAIRS = 300
+_LEAST_KNOWN = 0.6  # of the picture; an object before black has too few surfaces
 _DIM_FLASH = 0.02  # of the 99th percentile; below, its colour is noise
 _WIDTHS = (0.1, 0.06, 0.04, 0.025, 0.015)  # natural logarithms of colour: the bell's, one by one
 _NEAR = 3  # of these, the narrow ones that refine what was found
@@ -186,7 +187,7 @@ class _Places:
 
 
 def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | None:
-    """Pairs of larger blocks; None where there are too few.
+    """Pairs of larger blocks; None where there are too few, or too little of the picture tells.
 
     lit: the pair with a flash part as far as it is known to be the flash's, by which lamps' shares
     are found.
@@ -203,6 +204,8 @@ def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | N
     known = count[..., 0] >= side**2 / 2
     known &= (whole > 0).all(axis=2) & (flash > 0).all(axis=2)
     known &= strength > _DIM_FLASH * np.percentile(strength, 99)
+    if known.mean() < _LEAST_KNOWN:
+        return None
     flash, whole = (np.where(known[..., None], each, 1.0) for each in (flash, whole))
     pairs = pairs_apart(whole / (whole + flash), known, OFFSETS, _FEW_PAIRS)
     if pairs is None:

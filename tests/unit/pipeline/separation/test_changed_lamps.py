@@ -91,7 +91,7 @@ def test_what_lamps_gave_more_is_taken_off_the_flash_part(
 def test_what_cannot_be_used_tells_nothing(room: Build, lamps: Lamps) -> None:
     reduced, _ = room((0.1, 0.0))
     usable = np.ones((HEIGHT, WIDTH), bool)
-    usable[:, : WIDTH // 2] = False
+    usable[:, : WIDTH // 3] = False
     wrong, _ = room((0.1, 0.0), usable=usable)
     wrong.flash[~usable] = reduced.no_flash[~usable] * np.float32(3.0)
 
@@ -100,6 +100,15 @@ def test_what_cannot_be_used_tells_nothing(room: Build, lamps: Lamps) -> None:
     assert found is not None
     assert found[1].changes is not None
     np.testing.assert_allclose(found[1].changes, (0.1, 0.0), atol=0.01)
+
+
+def test_half_a_picture_tells_nothing(room: Build, lamps: Lamps) -> None:
+    """As of an object before black, which has few surfaces."""
+    usable = np.ones((HEIGHT, WIDTH), bool)
+    usable[:, : WIDTH // 2] = False
+    reduced, _ = room((0.1, 0.0), usable=usable)
+
+    assert without_change(reduced, lamps, lambda _, __: lamps) is None
 
 
 @pytest.mark.parametrize("more", [{"rendered": True}, {"flash_only": True}])
