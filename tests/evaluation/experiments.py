@@ -76,6 +76,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "three-untold-camera": Experiment("three", FEW, Condition(camera_told=False)),
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
+    "two-jpeg-mapped": Experiment("two", FEW, Condition(files="jpeg", mapping=0.3)),
+    "two-changed": Experiment("two", FEW, Condition(files="noisy", lamp_change=0.1)),
     **{
         f"{group}-jpeg-{contrast}": Experiment(
             group, OF_CONTRASTS, Condition(files="jpeg", contrast=contrast)
