@@ -23,7 +23,6 @@ from pipeline.run_warnings import Code, RunWarning
 _DIM, _BRIGHT = 0.3, 3.0  # times the median, of the flash part and of the light relative to it
 _SPECK, _GAP, _RIM = 3, 9, 3  # blocks across: smaller places do not count, gaps do
 _NOTABLE = 0.03  # share of the usable blocks; as many hold what noise leaves of a weak flash
-_MOST = 0.5  # the same; lamps are told by what is left
 _LEFT, _SURELY_LEFT = 0.05, 0.07  # of the light there: by all lamps, and by those of the rest
 _RENDERED = 2.0  # times that much: a camera's rendering bends light
 
@@ -94,10 +93,10 @@ def _dim_and_bright(reduced: ReducedPair) -> Mask:
         return none
     light, part = reduced.no_flash.sum(axis=2), reduced.flash.sum(axis=2)
     relative = np.divide(light, part, out=np.zeros_like(light), where=use)
-    dim = use & (part < _DIM * np.median(part[use]))
+    dim = part < _DIM * np.median(part[use])
     found = (dim & (relative > _BRIGHT * np.median(relative[use]))).astype(np.uint8)
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, _square(_SPECK))
-    if not _NOTABLE < np.count_nonzero(found) / np.count_nonzero(use) < _MOST:
+    if np.count_nonzero(found) <= _NOTABLE * np.count_nonzero(use):
         return none
     found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, _square(_GAP))
     return _filled(cv2.dilate(found, _square(_RIM)))

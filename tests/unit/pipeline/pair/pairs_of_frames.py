@@ -34,16 +34,3 @@ def have_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
         "pipeline.pair.rendering.find_neighbours",
         lambda *given: neighbours_of(np.full((4, 1, 3), 0.2), given[1]),
     )
-
-
-def given_to(monkeypatch: pytest.MonkeyPatch, search: str, found: Any) -> list[tuple[Any, ...]]:
-    """What a search for a rendering is given from now on, each time; it finds `found`."""
-    given: list[tuple[Any, ...]] = []
-
-    def find(*arguments: Any) -> Any:
-        given.append(arguments)
-        return found
-
-    monkeypatch.setattr(f"pipeline.pair.rendering.{search}", find)
-    have_neighbours(monkeypatch)
-    return given

@@ -41,7 +41,7 @@ def test_a_wrong_ratio_is_told_to_a_percent(factor: float, flash: float) -> None
     assert found == pytest.approx(1 / factor, rel=0.01)
 
 
-@pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
+@pytest.mark.parametrize("factor", [0.95, 1.0, 1.05])
 def test_a_right_ratio_stays(factor: float) -> None:
     assert find_exposure_ratio(brought_by(factor, in_shadows())) == 1.0
 
@@ -80,6 +80,32 @@ def test_noise_of_blocks_is_averaged() -> None:
     found = find_exposure_ratio(brought_by(2.0, replace(ratios, logs=ratios.logs + noise)))
 
     assert found == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_ratio_that_is_hardly_wrong_is_neither_right_nor_told() -> None:
+    assert find_exposure_ratio(brought_by(0.93, in_shadows())) is None
+
+
+def test_blocks_that_cannot_be_used_count_for_nothing() -> None:
+    """A third of them, spread evenly, in which the flash photograph is dark."""
+    ratios = in_shadows()
+    dark = np.indices(ratios.usable.shape).sum(axis=0) % 3 == 0
+    logs = np.where(dark[..., None], -3.0, ratios.logs)
+    marked = replace(ratios, logs=logs, usable=ratios.usable & ~dark)
+
+    assert find_exposure_ratio(brought_by(2.0, marked)) == pytest.approx(0.5, rel=0.02)
+
+
+@pytest.mark.parametrize(("usable", "told"), [(13, True), (12, False)])
+def test_larger_blocks_of_which_half_can_be_used_tell(usable: int, told: bool) -> None:
+    """Of 5 × 5 smaller ones."""
+    ratios = in_shadows()
+    rows, columns = np.indices(ratios.usable.shape) % 5
+    some = replace(ratios, usable=np.asarray(5 * rows + columns < usable))
+
+    found = find_exposure_ratio(brought_by(2.0, some))
+
+    assert found == (pytest.approx(0.5, rel=0.02) if told else None)
 
 
 def test_lamps_of_the_colour_of_the_flash_tell_nothing() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +12,11 @@ import pytest
 from pipeline.arrays import Floats64
 from pipeline.images.coded_image import TableImage
 from pipeline.pair.balance_change import BalanceChange
-from pipeline.pair.find_local_tone_mapping import find_local_tone_mapping
+from pipeline.pair.find_local_tone_mapping import (
+    _edge_aware,
+    _Heights,
+    find_local_tone_mapping,
+)
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from tests.unit.pipeline.pair.shadows_on_paint import (
     SIZE,
@@ -41,6 +48,13 @@ def mapped(
     return pair, np.asarray((first / second)[..., 0])
 
 
+def kept_to_edges(light: Floats64, power: float, around: float) -> Floats64:
+    """The same by surroundings on the same side of edges."""
+    logs = np.log(light.mean(axis=2)).astype(np.float32)
+    surroundings = cv2.bilateralFilter(logs, -1, 0.8, around * SIZE[0])
+    return np.asarray(np.exp(power * (np.log(0.3) - surroundings))[..., None], np.float64)
+
+
 def found_in(
     pair: tuple[TableImage, TableImage], balance: BalanceChange | None = None
 ) -> LocalToneMapping | None:
@@ -60,6 +74,29 @@ def test_a_mapping_is_found(around: float, contrast: float) -> None:
     assert found.power == pytest.approx(0.3, abs=0.08)
     off = found.logs - np.log(true)
     assert np.square(off).mean() < 0.2 * np.square(np.log(true)).mean()
+
+
+@pytest.mark.parametrize(
+    ("divide", "to_one_mean"), [(factors, False), (factors, True), (kept_to_edges, False)]
+)
+def test_a_mapping_is_found_whatever_its_kind(
+    divide: Callable[..., Floats64], to_one_mean: bool
+) -> None:
+    """By smooth surroundings or by such as keep to edges, and brought to one mean or not."""
+    no_flash, both = light_of()
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    beam = 0.1 + 1.8 * np.exp(-((x - 90) ** 2 + (y - 100) ** 2) / (2 * 50**2))
+    both = no_flash + beam[..., None] * (both - no_flash)
+    first, second = (divide(one, 0.3, 0.05) for one in (no_flash, both))
+    if to_one_mean:
+        second *= np.exp(np.log(first / second).mean())
+    true = np.log(first / second)[..., 0]
+    scale = 0.9 / max((no_flash * first).max(), (both * second).max())
+
+    found = found_in(photographs(s_curve(0.0), (scale * no_flash * first, scale * both * second)))
+
+    assert found is not None
+    assert np.square(found.logs - true).mean() < 0.2 * np.square(true).mean()
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.05, 0.08])
@@ -113,3 +150,42 @@ def test_what_holds_in_one_half_of_the_picture_alone_is_not_taken(share: float, 
     found = find_local_tone_mapping(blocks((no_flash, flash)), neighbours((no_flash, flash)))
 
     assert (found is not None) == told
+
+
+@pytest.mark.parametrize("spread", [0.25, 0.5, 1.0])
+def test_what_varies_more_than_edges_do_is_kept(spread: float) -> None:
+    """Columns by turns above and below a mean: their variance over itself and that of edges."""
+    logs = np.tile(spread * (-1.0) ** np.arange(400), (200, 1))
+
+    around = _edge_aware(logs, 40.0)
+
+    kept = np.std(around[50:-50, 100:-100]) / spread
+    assert kept == pytest.approx(spread**2 / (spread**2 + 0.25), abs=0.02)
+
+
+SURE = _Heights(mapped=14.2, plain=10.0, mapped_beyond=12.2, plain_beyond=10.0, itself=5.6)
+
+
+@pytest.mark.parametrize(
+    ("otherwise", "sure"),
+    [
+        ({}, True),
+        ({"mapped": 13.8}, False),  # 1.4 times without a mapping
+        ({"mapped_beyond": 11.8}, False),  # 1.2 times beyond strangers
+        ({"itself": 5.8}, False),  # 2.5 times by the flash photograph itself
+        ({"mapped": 1.52, "plain": 1.0, "itself": 0.5}, True),
+        ({"mapped": 1.48, "plain": 1.0, "itself": 0.5}, False),  # % of the pairs
+    ],
+)
+def test_a_mapping_must_explain_what_nothing_else_does(
+    otherwise: dict[str, float], sure: bool
+) -> None:
+    assert replace(SURE, **otherwise).surely() == sure
+
+
+@pytest.mark.parametrize(("mapped", "more"), [(11.7, True), (11.3, False)])
+def test_in_each_half_a_mapping_must_explain_more(mapped: float, more: bool) -> None:
+    """1.15 times as much, of whatever else."""
+    half = replace(SURE, mapped=mapped, mapped_beyond=0.0, itself=10.0)
+
+    assert half.in_part() == more
