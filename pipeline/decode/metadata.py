@@ -162,7 +162,9 @@ def _focal_plane(tags: dict[str, Any]) -> float | None:
 def _number(tags: dict[str, Any], *names: str) -> float | None:
     for name in names:
         try:
-            value = float(tags[name].values[0])
+            value = tags[name].values[0]
+            # exifread leaves floats, which Pillow writes for rationals, in tuples
+            value = float(value[0] if isinstance(value, tuple) else value)
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, ZeroDivisionError):
             continue
         if math.isfinite(value):

@@ -19,6 +19,10 @@ _ADVICE = (
     "Pass the right exposure ratio, and if it was right, take both photographs in steady light: "
     "daylight or a lamp may have changed in between."
 )
+_RENDERED_ADVICE = (
+    ", also where it is 1: only with it known is a white balance, or a mapping of tones, looked "
+    "for that the camera gave one photograph and not the other."
+)
 _MANY_DARKER = 0.15  # share of the picture that no lamp or motion makes darker
 
 
@@ -65,8 +69,8 @@ def settled_ratio(
         if peak is None:
             message = (
                 "The files do not say how they were exposed; equal exposures are taken for "
-                f"granted{_unless_darker(ratio, ratios, rendered)}. Pass the exposure ratio if "
-                "they differ."
+                f"granted{_unless_darker(ratio, ratios, rendered)}. Pass the exposure ratio"
+                f"{_RENDERED_ADVICE if rendered else ' if they differ.'}"
             )
             return ratio, [RunWarning(Code.EXPOSURE_ASSUMED, message)]
         found = ExposureRatio(ratio.value * peak, "pixels")

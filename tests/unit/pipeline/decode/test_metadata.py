@@ -238,6 +238,16 @@ def test_nothing_written_means_nothing_known(
     assert frame.focal_px is None
 
 
+def test_an_exposure_in_floats_is_read_as_one_in_rationals(
+    with_exif: Callable[..., Metadata],
+) -> None:
+    """No standard has it so, but Pillow makes it of the numbers that programs give it."""
+    exposure = with_exif({0x829A: 1 / 125, 0x829D: 5.6, 0x8827: 400}).exposure
+
+    assert exposure == Exposure(time_s=0.008, iso=400, f_number=5.6)
+    assert with_exif({0x829A: float("nan")}).exposure.time_s is None
+
+
 @pytest.mark.parametrize(
     ("value", "fired"), [(0x00, False), (0x10, False), (0x01, True), (0x19, True), (0x50, False)]
 )

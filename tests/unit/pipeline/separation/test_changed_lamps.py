@@ -296,7 +296,7 @@ def test_a_change_is_refined_of_the_lamps_that_changed_alone() -> None:
 
 def test_pairs_of_which_nothing_would_be_left_do_not_draw() -> None:
     right = places(0.2, 40)
-    dim = np.concatenate([right.flash, 1e-3 * right.light[0]], axis=1)
+    dim = np.concatenate([right.flash, np.full_like(right.flash, 1e-3)], axis=1)
 
     found = _Places(dim, np.concatenate([right.light] * 2, axis=2)).refined(np.array([0.17, 0.0]))
 
