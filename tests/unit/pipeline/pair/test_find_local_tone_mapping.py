@@ -137,11 +137,15 @@ def test_a_peak_of_few_pairs_tells_nothing(unevenness: float, told: bool) -> Non
     assert (found is not None) == told
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.8, True), (0.7, False)])
-def test_what_holds_in_one_half_of_the_picture_alone_is_not_taken(share: float, told: bool) -> None:
-    """From the left edge a share of the picture is mapped, the rest is not."""
+@pytest.mark.parametrize(
+    ("axis", "share", "told"), [(1, 0.8, True), (1, 0.7, False), (0, 0.7, False)]
+)
+def test_what_holds_in_one_half_of_the_picture_alone_is_not_taken(
+    axis: int, share: float, told: bool
+) -> None:
+    """From the top or the left edge a share of the picture is mapped, the rest is not."""
     mapped_pair, plain_pair = mapped(0.3)[0], mapped(0.0)[0]
-    rest = np.arange(SIZE[0])[None, :, None] >= share * SIZE[0]
+    rest = np.indices(SIZE[::-1])[axis, ..., None] >= share * SIZE[1 - axis]
     no_flash, flash = (
         np.where(rest, plain[:], one[:]).astype(np.float32)
         for one, plain in zip(mapped_pair, plain_pair, strict=True)
