@@ -20,8 +20,8 @@ _ADVICE = (
     "daylight or a lamp may have changed in between."
 )
 _RENDERED_ADVICE = (
-    ", also where it is 1: only with it known is a white balance, or a mapping of tones, looked "
-    "for that the camera gave one photograph and not the other."
+    ", even if it is 1: whether the camera balanced white or mapped tones differently in the two "
+    "is looked for only where it is known."
 )
 _MANY_DARKER = 0.15  # share of the picture that no lamp or motion makes darker
 

@@ -88,7 +88,11 @@ def _workers(engine: sa.Engine, settings: Settings) -> Finding:
         living = census.living_workers(connection, settings.silence_seconds)
         waiting = census.longest_wait(connection)
     if not living:
-        return Finding("wrong", "workers", "none lives: start one with `lightlayers worker`.")
+        return Finding(
+            "wrong",
+            "workers",
+            "none lives: start `lightlayers serve`, or `lightlayers worker` beside an API.",
+        )
     said = f"{living} live; the oldest job has waited {waiting:.0f} s for one."
     return Finding("ok", "workers", said)
 

@@ -200,7 +200,6 @@ def test_colours_of_rendered_photographs_tell_no_ratio() -> None:
     assert found == ratio
     assert warning.code == "exposure_assumed"
     assert warning.message.endswith(
-        "taken for granted. Pass the exposure ratio, also where it is 1: only with it known is a "
-        "white balance, or a mapping of tones, looked for that the camera gave one photograph and "
-        "not the other."
+        "taken for granted. Pass the exposure ratio, even if it is 1: whether the camera balanced "
+        "white or mapped tones differently in the two is looked for only where it is known."
     )
