@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from pipeline.pair.relative_blur import (
     _NOTHING,
     RelativeBlur,
     _Moments,
+    _surely,
     blur_kernel,
     blurred,
     blurred_mask,
@@ -97,6 +99,45 @@ def test_moments_in_blocks_half_as_large_are_those_of_twice_the_lengths() -> Non
     np.testing.assert_allclose(found.covariance, 4 * SHAKEN)
     np.testing.assert_allclose(found.mean, (2.0, -4.0))
     np.testing.assert_allclose(found.error, np.diag([16.0, 32.0, 48.0]))
+
+
+def surely(
+    xx: float, yy: float, xy: float = 0.0, error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> RelativeBlur | None:
+    """What is sure of moments in blocks of 3 pixels; error: standard ones of xx, xy and yy."""
+    covariance = np.array([[xx, xy], [xy, yy]])
+    return _surely(_Moments(covariance, np.array([1.0, -0.5]), np.diag(np.square(error))), 3)
+
+
+def test_what_is_sure_is_told_in_pixels() -> None:
+    shaken, soft = surely(1.0, 0.1), surely(-1.44, 0.0)
+
+    assert shaken is not None
+    np.testing.assert_allclose(shaken.no_flash, np.diag([9.0, 0.9]))
+    np.testing.assert_allclose(shaken.offset, (3.0, -1.5))
+    assert shaken.flash_px == 0
+    assert soft is not None
+    assert soft.flash_px == pytest.approx(3.6)
+    assert not soft.no_flash.any()
+
+
+@pytest.mark.parametrize(
+    ("found", "sure"),
+    [
+        ((0.34, 0.0), True),  # a third of a block's side, squared
+        ((0.32, 0.0), False),
+        ((-1.25, 0.0), True),  # more of the flash photograph
+        ((-1.15, 0.0), False),
+        ((1.0, 0.0, 0.0, (0.16, 0.0, 1.0)), True),  # six standard errors along that axis
+        ((1.0, 0.0, 0.0, (0.17, 0.0, 0.0)), False),
+        ((-2.0, 0.0, 0.0, (0.32, 0.0, 1.0)), True),
+        ((-2.0, 0.0, 0.0, (0.34, 0.0, 0.0)), False),
+        ((1.0, 1.0, 1.0, (0.0, 0.32, 0.0)), True),
+        ((1.0, 1.0, 1.0, (0.0, 0.34, 0.0)), False),
+    ],
+)
+def test_a_blur_is_sure_beyond_a_least_and_its_errors(found: Any, sure: bool) -> None:
+    assert (surely(*found) is not None) == sure
 
 
 def test_a_blur_is_told_in_pixels_of_large_photographs() -> None:
