@@ -30,7 +30,6 @@ from pipeline.separation.proportions import model_proportions
 # Chosen on development scenes (docs/trials/lamps_that_change.md)
 _FEW_PAIRS = 300
 _LEAST_KNOWN = 0.6  # of the picture; an object before black has too few surfaces
-_DIM_FLASH = 0.02  # of the 99th percentile; below, its colour is noise
 _WIDTHS = (0.1, 0.06, 0.04, 0.025, 0.015)  # natural logarithms of colour: the bell's, one by one
 _NEAR = 3  # of these, the narrow ones that refine what was found
 _STEPS = 5  # with each
@@ -200,10 +199,8 @@ def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | N
         sums_of_blocks(each * usable, side) / np.maximum(count, 1.0)
         for each in (reduced.flash, *layers)
     )
-    whole, strength = np.sum(light, axis=0), flash.sum(axis=2)
+    whole = np.sum(light, axis=0)
     known = count[..., 0] >= side**2 / 2
-    known &= (whole > 0).all(axis=2) & (flash > 0).all(axis=2)
-    known &= strength > _DIM_FLASH * np.percentile(strength, 99)
     if known.mean() < _LEAST_KNOWN:
         return None
     flash, whole = (np.where(known[..., None], each, 1.0) for each in (flash, whole))

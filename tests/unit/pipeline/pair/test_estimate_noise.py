@@ -202,6 +202,16 @@ def test_faint_texture_that_both_share_is_no_grain(size: tuple[int, int]) -> Non
     assert noise_of(one).grain > 30
 
 
+@pytest.mark.parametrize(("size", "shared"), [((128, 480), True), ((128, 464), False)])
+def test_small_photographs_have_their_own_grain(size: tuple[int, int], shared: bool) -> None:
+    """Of fewer than 240 blocks of 2 × 2 means, by which another explains more by chance."""
+    one, other = faintly_textured(*size)
+
+    for found, own in zip(estimate_noises(one, other), (one, other), strict=True):
+        assert (found.grain < 0.5 * noise_of(own).grain) == shared
+        assert (found.grain == noise_of(own).grain) != shared
+
+
 def test_compressed_photographs_have_their_own_grain() -> None:
     one, other = faintly_textured(512, 640)
 
