@@ -7,20 +7,20 @@ do not fit there are taken from neighbours that are well placed, by colour. Comp
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pipeline.arrays import Floats32
-from pipeline.compiling import exact, spliced
+from pipeline.compiling import compiled, inlined
 from pipeline.images.frames import (
     Colour,
     Image,
     Numbers,
     Plane,
-    Planes,
     by_planes,
     channels_first,
     numbers_of,
-    planes_of,
 )
 from pipeline.images.noise import Noise
 
@@ -33,6 +33,7 @@ _STEP = 1e-4  # (0.01)², steps of the colour smaller than this part of the ligh
 _SAME = 2 * 0.07**2  # difference of colours, squared, relative to the light's
 _KNOWN = 0.2  # confidence below which a pixel's own proportions say little
 _ENOUGH = 0.1  # well placed neighbours of a pixel's own colour
+_TOGETHER = 64  # pixels of a row worked on by vector instructions, where one of them needs it
 HALO = _REACH + _ALIKE_REACH
 """Rows beyond either end of a strip that place_flash and then mend_proportions need."""
 
@@ -65,7 +66,11 @@ def place_flash(no_flash: Image, flash: Image, placed: Plane, confidence: Plane)
     """
     out = by_planes(*flash.shape)
     out[...] = flash
-    _regress(planes_of(no_flash), planes_of(flash), placed, confidence, _kernel(), planes_of(out))
+    counts = np.maximum(placed, np.float32(_LEAST)) * (confidence + np.float32(1e-6))
+    guide, part = (_bordered(channels_first(one), _REACH) for one in (no_flash, flash))
+    _regress(
+        guide, part, _bordered(counts, _REACH), _near(_REACH, _SPREAD), placed, channels_first(out)
+    )
     return out
 
 
@@ -86,8 +91,8 @@ def mend_proportions(
 
     Parameters
     ----------
-    smooth : (N, len(keep), W, 3) 0…1, what became of proportions
-    proportions : (N, h, W, 3) 0…1, pixel by pixel
+    smooth : (N, len(keep), W, 3) 0…1, what became of proportions; they add up to 1
+    proportions : (N, h, W, 3) 0…1, pixel by pixel; they add up to 1
     photograph : (h, W, 3), the no-flash photograph, of the given noise
     placed, confidence : (h, W) 0…1, as place_flash takes them
     keep : the rows of smooth; the four on either side, or up to the border, are halo
@@ -102,13 +107,15 @@ def mend_proportions(
     out = by_planes(*smooth.shape)
     out[...] = smooth
     trust = confidence[keep].copy()
+    worth = np.minimum(placed[keep] / np.float32(_WELL), confidence[keep] / np.float32(_KNOWN))
     first, _, _ = keep.indices(len(placed))
     _average(
-        tuple(planes_of(one) for one in proportions),
-        planes_of(photograph),
+        _bordered(channels_first(proportions[:-1]).reshape(-1, *placed.shape), _ALIKE_REACH),
+        _bordered(channels_first(photograph), _ALIKE_REACH),
+        _bordered(placed * confidence, _ALIKE_REACH),
+        _near(_ALIKE_REACH, _ALIKE_SPREAD),
         (numbers_of(noise.gain), numbers_of(noise.floor)),
-        placed,
-        confidence,
+        worth,
         first,
         channels_first(out),
         trust,
@@ -116,149 +123,283 @@ def mend_proportions(
     return out, trust
 
 
-def _kernel() -> Floats32:
-    """Weights (2·reach + 1)² of the regression by place."""
-    steps = np.arange(-_REACH, _REACH + 1)
-    line = np.exp(-np.square(steps) / (2 * _SPREAD**2))
+def _near(reach: int, spread: float) -> Floats32:
+    """Weights (2·reach + 1)² of neighbours by place."""
+    steps = np.arange(-reach, reach + 1)
+    line = np.exp(-np.square(steps) / (2 * spread**2))
     return np.outer(line, line).astype(np.float32)
 
 
-@exact
+def _bordered(planes: Floats32, width: int) -> Floats32:
+    """Planes (…, h, w) within so many zeros, so that no window reaches beyond them."""
+    *_, height, length = planes.shape
+    inner = slice(width, width + height), slice(width, width + length)
+    laid = np.zeros((*planes.shape[:-2], height + 2 * width, length + 2 * width), np.float32)
+    laid[..., *inner] = planes
+    return laid
+
+
+@compiled
 def _regress(
-    guide: Planes, flash: Planes, placed: Plane, confidence: Plane, kernel: Floats32, out: Planes
+    guide: Floats32,
+    flash: Floats32,
+    counts: Plane,
+    near: Floats32,
+    placed: Plane,
+    out: Floats32,
 ) -> None:
-    """Write the regressed flash part into out, as far as pixels are not well placed.
+    """Write the regressed flash part into out (3, h, W), as far as pixels are not well placed.
 
     With a pixel's own colour as the origin, steps g of the others from it and their weighted mean
     ḡ and covariance C, the regression's value at the pixel is the mean of f·(1 − ḡᵀC⁻¹(g − ḡ)).
+
+    guide, flash, counts: within a border; counts, what each pixel counts wherever it lies.
     """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    means, products = np.empty(4 * _TOGETHER, np.float32), np.empty(6 * _TOGETHER, np.float32)
+    pull, value = np.empty(3 * _TOGETHER, np.float32), np.empty(3 * _TOGETHER, np.float32)
+    side = len(near)
     height, width = placed.shape
-    steps, weights = np.empty((3, kernel.size)), np.empty(kernel.size)
     for y in range(height):
-        for x in range(width):
-            if placed[y, x] >= _WELL:
+        for left in range(0, width, _TOGETHER):
+            there = placed[y, left : left + _TOGETHER]
+            n = len(there)
+            if _least(there) >= np.float32(_WELL):
                 continue
-            own = guide[0][y, x], guide[1][y, x], guide[2][y, x]
-            top, bottom = max(y - _REACH, 0), min(y + _REACH + 1, height)
-            left, right = max(x - _REACH, 0), min(x + _REACH + 1, width)
-            n, total, g0, g1, g2 = 0, 0.0, 0.0, 0.0, 0.0
-            c00, c01, c02, c11, c12, c22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(top, bottom):
-                for i in range(left, right):
-                    weight = np.float64(kernel[j - y + _REACH, i - x + _REACH])
-                    weight *= max(placed[j, i], _LEAST) * (confidence[j, i] + 1e-6)
-                    a = np.float64(guide[0][j, i] - own[0])
-                    b = np.float64(guide[1][j, i] - own[1])
-                    c = np.float64(guide[2][j, i] - own[2])
-                    steps[0, n], steps[1, n], steps[2, n], weights[n] = a, b, c, weight
-                    n, total = n + 1, total + weight
-                    g0, g1, g2 = g0 + weight * a, g1 + weight * b, g2 + weight * c
-                    c00, c01, c02 = (
-                        c00 + weight * a * a,
-                        c01 + weight * a * b,
-                        c02 + weight * a * c,
-                    )
-                    c11, c12, c22 = (
-                        c11 + weight * b * b,
-                        c12 + weight * b * c,
-                        c22 + weight * c * c,
-                    )
-            g0, g1, g2 = g0 / total, g1 / total, g2 / total
-            light = (own[0] + g0) ** 2 + (own[1] + g1) ** 2 + (own[2] + g2) ** 2
-            least = _STEP * light + 1e-14
-            s0, s1, s2 = _solved(
-                (
-                    c00 / total - g0 * g0 + least,
-                    c01 / total - g0 * g1,
-                    c02 / total - g0 * g2,
-                    c11 / total - g1 * g1 + least,
-                    c12 / total - g1 * g2,
-                    c22 / total - g2 * g2 + least,
-                ),
-                (g0, g1, g2),
-            )
-            p, q, r, n = 0.0, 0.0, 0.0, 0
-            for j in range(top, bottom):
-                for i in range(left, right):
-                    off = s0 * (steps[0, n] - g0) + s1 * (steps[1, n] - g1)
-                    off += s2 * (steps[2, n] - g2)
-                    weight = weights[n] / total * (1.0 - off)
-                    p += weight * flash[0][j, i]
-                    q += weight * flash[1][j, i]
-                    r += weight * flash[2][j, i]
-                    n += 1
-            share = 1.0 - placed[y, x] / _WELL
-            out[0][y, x] += share * (max(p, 0.0) - out[0][y, x])
-            out[1][y, x] += share * (max(q, 0.0) - out[1][y, x])
-            out[2][y, x] += share * (max(r, 0.0) - out[2][y, x])
+            own = _row(guide, y + _REACH, left + _REACH, n)
+            means[:], products[:], value[:] = zero, zero, zero
+            for j in range(side):
+                for i in range(side):
+                    others = _row(guide, y + j, left + i, n)
+                    count = counts[y + j, left + i : left + i + n]
+                    _sum_steps(own, others, count, near[j, i], means)
+            _divide(means)
+            for j in range(side):
+                for i in range(side):
+                    others = _row(guide, y + j, left + i, n)
+                    count = counts[y + j, left + i : left + i + n]
+                    _sum_products(own, others, count, near[j, i], means, products)
+            _solve(own, means, products, pull)
+            for j in range(side):
+                for i in range(side):
+                    others = _row(guide, y + j, left + i, n)
+                    parts = _row(flash, y + j, left + i, n)
+                    count = counts[y + j, left + i : left + i + n]
+                    _sum_pulled(own, others, parts, count, near[j, i], means, pull, value)
+            for k in range(3):
+                found = out[k, y, left : left + _TOGETHER]
+                regressed = value[k * _TOGETHER : k * _TOGETHER + n]
+                for x in range(n):
+                    share = max(one - there[x] / np.float32(_WELL), zero)
+                    found[x] += share * (max(regressed[x], zero) - found[x])
 
 
-@spliced
-def _solved(c: Numbers, g: Colour) -> tuple[float, float, float]:
-    """C⁻¹ g of a positive definite C, its upper triangle row by row, by Cholesky's factors."""
-    l00 = np.sqrt(c[0])
-    l10, l20 = c[1] / l00, c[2] / l00
-    l11 = np.sqrt(max(c[3] - l10 * l10, 1e-18))
-    l21 = (c[4] - l20 * l10) / l11
-    l22 = np.sqrt(max(c[5] - l20 * l20 - l21 * l21, 1e-18))
-    z0 = g[0] / l00
-    z1 = (g[1] - l10 * z0) / l11
-    z2 = (g[2] - l20 * z0 - l21 * z1) / l22
-    s2 = z2 / l22
-    s1 = (z1 - l21 * s2) / l11
-    return (z0 - l10 * s1 - l20 * s2) / l00, s1, s2
+@inlined
+def _row(planes: Floats32, y: int, left: int, count: int) -> Colour:
+    """So many pixels of a row of three planes."""
+    right = left + count
+    return planes[0, y, left:right], planes[1, y, left:right], planes[2, y, left:right]
 
 
-@exact
+@inlined
+def _least(values: Floats32) -> Any:
+    least = values[0]
+    for x in range(len(values)):
+        least = min(least, values[x])
+    return least
+
+
+@inlined
+def _sum_steps(own: Colour, others: Colour, count: Any, near: Any, means: Any) -> None:
+    """Add neighbours' weight, and their steps from pixels' own colour, weighed (4, n)."""
+    a0, a1, a2 = own
+    b0, b1, b2 = others
+    for x in range(len(count)):
+        weight = near * count[x]
+        means[x] += weight
+        means[x + _TOGETHER] += weight * (b0[x] - a0[x])
+        means[x + 2 * _TOGETHER] += weight * (b1[x] - a1[x])
+        means[x + 3 * _TOGETHER] += weight * (b2[x] - a2[x])
+
+
+@inlined
+def _sum_products(
+    own: Colour, others: Colour, count: Any, near: Any, means: Any, products: Any
+) -> None:
+    """Add products of neighbours' steps from the mean, weighed (6, n).
+
+    Of steps from pixels' own colour, less the mean's, too little would be left in single precision.
+    """
+    a0, a1, a2 = own
+    b0, b1, b2 = others
+    for x in range(len(count)):
+        weight = near * count[x]
+        a = b0[x] - a0[x] - means[x + _TOGETHER]
+        b = b1[x] - a1[x] - means[x + 2 * _TOGETHER]
+        c = b2[x] - a2[x] - means[x + 3 * _TOGETHER]
+        wa, wb = weight * a, weight * b
+        products[x] += wa * a
+        products[x + _TOGETHER] += wa * b
+        products[x + 2 * _TOGETHER] += wa * c
+        products[x + 3 * _TOGETHER] += wb * b
+        products[x + 4 * _TOGETHER] += wb * c
+        products[x + 5 * _TOGETHER] += weight * c * c
+
+
+@inlined
+def _divide(means: Any) -> None:
+    """Write 1 ÷ the weight, and means in place of sums (4, n)."""
+    for x in range(_TOGETHER):
+        means[x] = np.float32(1.0) / means[x]
+        means[x + _TOGETHER] *= means[x]
+        means[x + 2 * _TOGETHER] *= means[x]
+        means[x + 3 * _TOGETHER] *= means[x]
+
+
+@inlined
+def _solve(own: Colour, means: Any, products: Any, pull: Any) -> None:
+    """Write C⁻¹ḡ, by Cholesky's factors (3, n)."""
+    a0, a1, a2 = own
+    least = np.float32(1e-18)
+    for x in range(len(a0)):
+        share, g0 = means[x], means[x + _TOGETHER]
+        g1, g2 = means[x + 2 * _TOGETHER], means[x + 3 * _TOGETHER]
+        m0, m1, m2 = a0[x] + g0, a1[x] + g1, a2[x] + g2
+        noise = np.float32(_STEP) * (m0 * m0 + m1 * m1 + m2 * m2) + np.float32(1e-14)
+        l00 = np.sqrt(products[x] * share + noise)
+        l10, l20 = products[x + _TOGETHER] * share / l00, products[x + 2 * _TOGETHER] * share / l00
+        l11 = np.sqrt(max(products[x + 3 * _TOGETHER] * share + noise - l10 * l10, least))
+        l21 = (products[x + 4 * _TOGETHER] * share - l20 * l10) / l11
+        left = products[x + 5 * _TOGETHER] * share + noise - l20 * l20 - l21 * l21
+        l22 = np.sqrt(max(left, least))
+        z0 = g0 / l00
+        z1 = (g1 - l10 * z0) / l11
+        s2 = (g2 - l20 * z0 - l21 * z1) / l22 / l22
+        s1 = (z1 - l21 * s2) / l11
+        pull[x] = (z0 - l10 * s1 - l20 * s2) / l00
+        pull[x + _TOGETHER] = s1
+        pull[x + 2 * _TOGETHER] = s2
+
+
+@inlined
+def _sum_pulled(
+    own: Colour,
+    others: Colour,
+    parts: Colour,
+    count: Any,
+    near: Any,
+    means: Any,
+    pull: Any,
+    value: Any,
+) -> None:
+    """Add neighbours' flash part, weighed as the regression weighs it (3, n)."""
+    a0, a1, a2 = own
+    b0, b1, b2 = others
+    f0, f1, f2 = parts
+    for x in range(len(count)):
+        off = pull[x] * (b0[x] - a0[x] - means[x + _TOGETHER])
+        off += pull[x + _TOGETHER] * (b1[x] - a1[x] - means[x + 2 * _TOGETHER])
+        off += pull[x + 2 * _TOGETHER] * (b2[x] - a2[x] - means[x + 3 * _TOGETHER])
+        weight = near * count[x] * means[x] * (np.float32(1.0) - off)
+        value[x] += weight * f0[x]
+        value[x + _TOGETHER] += weight * f1[x]
+        value[x + 2 * _TOGETHER] += weight * f2[x]
+
+
+@compiled
 def _average(
-    proportions: tuple[Planes, ...],
-    photograph: Planes,
+    proportions: Floats32,
+    photograph: Floats32,
+    counts: Plane,
+    near: Floats32,
     noise: tuple[Numbers, Numbers],
-    placed: Plane,
-    confidence: Plane,
+    worth: Plane,
     first: int,
     smooth: Floats32,
     trust: Plane,
 ) -> None:
     """Go from smooth (N, 3, h, w) to the averages as far as pixels' own say little.
 
-    first: the row of all others that belongs to row 0 of smooth. trust: (h, w), raised as far.
+    proportions: (3·(N − 1), …), without the last lamp, which has what the others leave; they,
+    photograph and counts, what a neighbour's proportions are worth, within a border. worth: (h, w)
+    of pixels' own, 1 and more where they stay. first: the row of all others that belongs to row 0
+    of smooth. trust: (h, w), raised as far.
     """
-    height, width = placed.shape
-    side = 2 * _ALIKE_REACH + 1
-    places, weights = np.empty((2, side * side), np.int64), np.empty(side * side)
-    near = np.exp(-(np.arange(-_ALIKE_REACH, _ALIKE_REACH + 1) ** 2) / (2 * _ALIKE_SPREAD**2))
-    for y in range(first, first + smooth.shape[2]):
-        for x in range(width):
-            worth = min(placed[y, x] / _WELL, confidence[y, x] / _KNOWN)
-            if worth >= 1.0:
+    zero, one = np.float32(0.0), np.float32(1.0)
+    scratch = np.empty((4, _TOGETHER), np.float32)
+    tolerance, weight, total, share = scratch[0], scratch[1], scratch[2], scratch[3]
+    lamps = len(proportions) // 3
+    sums = np.empty((len(proportions), _TOGETHER), np.float32)
+    left_over = np.empty(_TOGETHER, np.float32)
+    for row in range(smooth.shape[2]):
+        for left in range(0, smooth.shape[3], _TOGETHER):
+            there = worth[row, left : left + _TOGETHER]
+            n = len(there)
+            if _least(there) >= one:
                 continue
-            own = photograph[0][y, x], photograph[1][y, x], photograph[2][y, x]
-            same, tolerance = 0.0, 0.0
+            y = first + row
+            own = _row(photograph, y + _ALIKE_REACH, left + _ALIKE_REACH, n)
+            _tolerate(own, noise, tolerance)
+            total[:], sums[:] = zero, zero
+            for j in range(len(near)):
+                for i in range(len(near)):
+                    others = _row(photograph, y + j, left + i, n)
+                    count = counts[y + j, left + i : left + i + n]
+                    _weigh_alike(own, others, count, near[j, i], tolerance, weight, total)
+                    for k in range(len(sums)):
+                        _add(weight, proportions[k, y + j, left + i : left + i + n], sums[k])
+            trusted = trust[row, left : left + n]
+            for x in range(n):
+                told = min(total[x] / np.float32(_ENOUGH), one)
+                share[x] = max(one - there[x], zero) * told
+                trusted[x] += share[x] * (one - trusted[x])
+                total[x] = one / max(total[x], np.float32(1e-30))
             for k in range(3):
-                same += own[k] * own[k]
-                tolerance += noise[0][k] * max(own[k], np.float32(0.0)) + noise[1][k]
-            tolerance = 1.0 / (_SAME * same + 2.0 * tolerance + 1e-12)
-            n, total = 0, 0.0
-            for j in range(max(y - _ALIKE_REACH, 0), min(y + _ALIKE_REACH + 1, height)):
-                for i in range(max(x - _ALIKE_REACH, 0), min(x + _ALIKE_REACH + 1, width)):
-                    a = photograph[0][j, i] - own[0]
-                    b = photograph[1][j, i] - own[1]
-                    c = photograph[2][j, i] - own[2]
-                    unlike = 1.0 + tolerance * (a * a + b * b + c * c)
-                    weight = near[j - y + _ALIKE_REACH] * near[i - x + _ALIKE_REACH]
-                    weight *= placed[j, i] * confidence[j, i] / (unlike * unlike)
-                    places[0, n], places[1, n], weights[n] = j, i, weight
-                    n, total = n + 1, total + weight
-            if total <= 0:
-                continue
-            share = (1.0 - worth) * min(total / _ENOUGH, 1.0)
-            trust[y - first, x] += share * (1.0 - trust[y - first, x])
-            for lamp in range(len(smooth)):
-                for k in range(3):
-                    mean = 0.0
-                    for m in range(n):
-                        mean += weights[m] * proportions[lamp][k][places[0, m], places[1, m]]
-                    smooth[lamp, k, y - first, x] += share * (
-                        mean / total - smooth[lamp, k, y - first, x]
-                    )
+                left_over[:] = one
+                for lamp in range(lamps):
+                    part, found = smooth[lamp, k, row, left : left + n], sums[3 * lamp + k]
+                    for x in range(n):
+                        mean = found[x] * total[x]
+                        left_over[x] -= mean
+                        part[x] += share[x] * (mean - part[x])
+                part = smooth[lamps, k, row, left : left + n]
+                for x in range(n):
+                    part[x] += share[x] * (left_over[x] - part[x])
+
+
+@inlined
+def _tolerate(own: Colour, noise: tuple[Numbers, Numbers], tolerance: Any) -> None:
+    """Write 1 ÷ the square of the difference at which neighbours count a quarter."""
+    a0, a1, a2 = own
+    gain, floor = noise
+    zero, two = np.float32(0.0), np.float32(2.0)
+    r, g, b = np.float32(gain[0]), np.float32(gain[1]), np.float32(gain[2])
+    level = np.float32(floor[0] + floor[1] + floor[2])
+    for x in range(len(a0)):
+        same = a0[x] * a0[x] + a1[x] * a1[x] + a2[x] * a2[x]
+        random = r * max(a0[x], zero) + g * max(a1[x], zero) + b * max(a2[x], zero) + level
+        allowed = np.float32(_SAME) * same + two * random + np.float32(1e-12)
+        tolerance[x] = np.float32(1.0) / allowed
+
+
+@inlined
+def _weigh_alike(
+    own: Colour, others: Colour, count: Any, near: Any, tolerance: Any, weight: Any, total: Any
+) -> None:
+    """Write what neighbours count, and add it to the total."""
+    a0, a1, a2 = own
+    b0, b1, b2 = others
+    one = np.float32(1.0)
+    for x in range(len(count)):
+        a, b, c = b0[x] - a0[x], b1[x] - a1[x], b2[x] - a2[x]
+        unlike = one + tolerance[x] * (a * a + b * b + c * c)
+        found = near * count[x] / (unlike * unlike)
+        weight[x] = found
+        total[x] += found
+
+
+@inlined
+def _add(weight: Any, values: Any, total: Any) -> None:
+    """Add values, weighed."""
+    for x in range(len(values)):
+        total[x] += weight[x] * values[x]
