@@ -40,7 +40,7 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     everywhere, their colour that of the flash, or the flash weak. ratios: of a linear pair, not of
     a rendered one.
     """
-    no_flash, flash, known = _blocks(ratios)
+    no_flash, flash, known = larger_blocks(ratios)
     if not known.any():
         return None
     quotients = flash / no_flash
@@ -62,7 +62,7 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     return float(np.exp(found)) if height > _SURE * _height(light, 0.0, _WIDTHS[-1]) else None
 
 
-def _blocks(ratios: Ratios) -> tuple[Floats64, Floats64, Mask]:
+def larger_blocks(ratios: Ratios) -> tuple[Floats64, Floats64, Mask]:
     """Both photographs (h, w, 3) > 0 in larger blocks, and which tell: half of each is usable."""
     side = -(-max(ratios.usable.shape) // LONG_SIDE)
     flash = ratios.no_flash * np.exp(ratios.logs)

@@ -15,6 +15,7 @@ from pipeline.pair.align import NOT_ATTEMPTED, Alignment, estimate_alignment, wa
 from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
+from pipeline.pair.find_banding import find_banding
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.motion import find_moved
@@ -26,9 +27,11 @@ from pipeline.pair.pair_warnings import (
     blur_warnings,
     copy_warnings,
     darkening_warnings,
+    flicker_warnings,
+    moved_warnings,
     orientation_warnings,
     rendering_warnings,
-    unsteady_warnings,
+    rows_are_columns,
 )
 from pipeline.pair.ratios import block_ratios, brightening, darker_share
 from pipeline.pair.relative_blur import blurred, blurred_mask, find_relative_blur
@@ -223,6 +226,11 @@ def _held_against(
         unusable = unusable | blurred_mask(laid.unusable, blur.kernel)
         noises = noises[0], noises[1].blurred(float(np.square(blur.kernel).sum()))
         ratios = block_ratios(before, after, unusable, noises)
+    by_columns = rows_are_columns(unusable.shape, no_flash.orientation)
+    banding = None if rendered else find_banding(ratios, by_columns)
+    if banding is not None:
+        after = banding.off(before, after)
+        ratios = block_ratios(before, after, unusable, noises)
     settled, doubts = settled_ratio(ratio, ratios, rendered)
     if settled.value != ratio.value:
         after = _divided(after, settled.value / ratio.value, after is not flash.pixels)
@@ -242,7 +250,8 @@ def _held_against(
     if not doubts:
         darkened = max(darkened, darker_share(ratios, rendered))
         warnings += darkening_warnings(settled, ratios, darkened)
-    warnings += unsteady_warnings(ratios, moved, no_flash.orientation)
+    warnings += moved_warnings(moved)
+    warnings += flicker_warnings(ratios, banding, by_columns)
     return _Held(after, noises, settled, unusable, moved, tuple(warnings))
 
 

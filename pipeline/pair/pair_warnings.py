@@ -11,6 +11,7 @@ from pipeline.decode.samples import turns_sides
 from pipeline.images.area_means import area_means
 from pipeline.images.frames import Frame, Photograph
 from pipeline.pair.align import Alignment
+from pipeline.pair.banding import Banding
 from pipeline.pair.exposure import ExposureRatio, darkening
 from pipeline.pair.flicker import bands
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
@@ -151,31 +152,46 @@ def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> li
     return [RunWarning(Code.LIGHT_CHANGED, message, {"share": share})]
 
 
-def unsteady_warnings(ratios: Ratios, moved: float, orientation: int) -> list[RunWarning]:
-    """What moved or flickered between the photographs, and how to shoot without it.
+def moved_warnings(moved: float) -> list[RunWarning]:
+    """What moved between the photographs. moved: share of the picture, 0…1."""
+    if moved <= NOTABLE_MOTION:
+        return []
+    message = (
+        f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
+        "are a guess there, and may be wrong elsewhere, for shadows that moved along count as "
+        "lamps' light. Keep people and things still, and take the two photographs in quick "
+        "succession."
+    )
+    return [RunWarning(Code.MOVED, message, {"share": moved})]
 
-    orientation: EXIF's, 1–8, by which the sensor's pictures were turned.
+
+def rows_are_columns(shape: tuple[int, ...], orientation: int) -> bool:
+    """Whether rows of the sensor are columns of a picture of shape (rows, columns).
+
+    orientation: EXIF's, 1–8, by which the sensor's picture was turned.
     """
-    warnings = []
-    if moved > NOTABLE_MOTION:
-        message = (
-            f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
-            "are a guess there. Keep people and things still, and take the two photographs in "
-            "quick succession."
-        )
-        warnings.append(RunWarning(Code.MOVED, message, {"share": moved}))
-    rows, columns = ratios.usable.shape
     # sensors lie; who turned the pixels themselves left no orientation
-    upright = turns_sides(orientation) or rows > columns
-    height = bands(ratios.transposed() if upright else ratios)
-    if height is not None:
-        message = (
-            f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "
-            "mains. Expose for a multiple of 1/100 s (1/120 s where the mains has 60 Hz), or use "
-            "the mechanical shutter."
-        )
-        warnings.append(RunWarning(Code.FLICKER, message, {"height": height}))
-    return warnings
+    return turns_sides(orientation) or shape[0] > shape[1]
+
+
+def flicker_warnings(ratios: Ratios, banding: Banding | None, by_columns: bool) -> list[RunWarning]:
+    """Tell of lamps that flickered, and how to shoot without it.
+
+    ratios: of the photographs as they are separated. banding: that was taken off. by_columns:
+    whether the sensor's rows are the picture's columns.
+    """
+    height = bands(ratios.transposed() if by_columns else ratios) if banding is None else None
+    if banding is not None:
+        height = banding.height
+    if height is None:
+        return []
+    off = "The pair shows it, and it was taken off as far as a pair tells: expose"
+    message = (
+        f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "
+        f"mains. {'Expose' if banding is None else off} for a multiple of 1/100 s (1/120 s where "
+        "the mains has 60 Hz), or use the mechanical shutter."
+    )
+    return [RunWarning(Code.FLICKER, message, {"height": height})]
 
 
 def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[RunWarning]:

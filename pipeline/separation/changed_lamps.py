@@ -9,19 +9,20 @@ exposures is told (find_exposure_ratio), lamp by lamp.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.errors import InputError
-from pipeline.images.frames import Image, Mask
+from pipeline.images.frames import Image
 from pipeline.lamps.count import DOUBTFUL
 from pipeline.lamps.lamps import Lamps
 from pipeline.options import LampCount
 from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, sums_of_blocks
 from pipeline.pair.one_surface import pairs_apart
+from pipeline.pair.places import LEAST_HEIGHT, WIDTHS, Places
 from pipeline.pair.reduced import ReducedPair
 from pipeline.result_names import lamp_name
 from pipeline.run_warnings import Code, RunWarning
@@ -30,14 +31,9 @@ from pipeline.separation.proportions import model_proportions
 # Chosen on development scenes (docs/trials/lamps_that_change.md)
 _FEW_PAIRS = 300
 _LEAST_KNOWN = 0.6  # of the picture; an object before black has too few surfaces
-_WIDTHS = (0.1, 0.06, 0.04, 0.025, 0.015)  # natural logarithms of colour: the bell's, one by one
-_NEAR = 3  # of these, the narrow ones that refine what was found
-_STEPS = 5  # with each
-_RIDGE = 1e-3  # of all curvature
-_PEAK = (0.03, 0.08)  # the same: a bell less a wide one of the same volume, as of one_surface
-_GAIN, _LEAST_HEIGHT = 1.06, 0.5  # times the height, by a lamp that changed; % of the pairs
+_NEAR = 3  # of WIDTHS, the narrow ones that refine what was found
+_GAIN = 1.06  # times the height, by a lamp that changed
 _MOST = 0.4  # change; greater ones are found where little tells
-_LEAST_PART = 0.05  # of a flash part that may be left without a change
 _NOTABLE = 0.06  # change; less is told of unchanged lamps
 _SETTLED, _ROUNDS = 0.01, 4
 _SWEEPS = 3  # of lit_by_flash; each errs by the change times as much less
@@ -67,7 +63,7 @@ def without_change(
             places = _places(reduced, lit, lamps)
             changes = None
             if places is not None:
-                changes = places.refined(told) if again else places.told()
+                changes = _refined(places, told) if again else _told(places)
             if places is None or changes is None:
                 break
             if again:
@@ -119,73 +115,32 @@ def lit_by_flash(no_flash: Image, flash: Image, lamps: Lamps) -> Image:
     return lit
 
 
-@dataclass(frozen=True)
-class _Places:
-    """Pairs of places in which the lamps' share differs.
+def _told(places: Places) -> Floats64 | None:
+    """By how much each lamp (N,) was brighter with the flash; None where no change is told.
 
-    flash: (2, n, 3), what the flash photograph has more in either. light: (N, 2, n, 3), each
-    lamp's.
+    One lamp after the other is let change, that first by which most is gained: of a lamp of the
+    flash's own colour little tells.
     """
-
-    flash: Floats64
-    light: Floats64
-
-    def without(self, changes: Floats64) -> tuple[Floats64, Mask]:
-        """The flash parts (2, n, 3) > 0 without what lamps gave more, and where they are real."""
-        left = self.flash - np.tensordot(changes, self.light, 1)
-        least = _LEAST_PART * self.flash
-        return np.maximum(left, least), np.asarray((left > least).all(axis=(0, 2)))
-
-    def height(self, changes: Floats64) -> float:
-        """Of the peak of flash parts that have one colour in both places, % of the pairs."""
-        parts, real = self.without(changes)
-        apart = np.square(_apart(parts)).sum(axis=1)
-        narrow, wide = _PEAK
-        bells = np.exp(-0.5 * apart / narrow**2)
-        bells -= (narrow / wide) ** 2 * np.exp(-0.5 * apart / wide**2)
-        return float(100 * np.mean(real * bells))
-
-    def told(self) -> Floats64 | None:
-        """By how much each lamp (N,) was brighter with the flash; None where no change is told.
-
-        One lamp after the other is let change, that first by which most is gained: of a lamp of the
-        flash's own colour little tells.
-        """
-        steady = np.zeros(len(self.light))
-        changes, height = steady, self.height(steady)
-        free: list[int] = []
-        while len(free) < len(steady):
-            rest = [lamp for lamp in range(len(steady)) if lamp not in free]
-            fits = [self._fit([*free, lamp], steady, _WIDTHS) for lamp in rest]
-            heights = [self.height(fit) * (np.abs(fit).max() < _MOST) for fit in fits]
-            best = int(np.argmax(heights))
-            if heights[best] < _GAIN * max(height, _LEAST_HEIGHT):
-                break
-            free, changes, height = [*free, rest[best]], fits[best], heights[best]
-        return changes if np.abs(changes).max() > _NOTABLE else None
-
-    def refined(self, told: Floats64) -> Floats64:
-        """Changes (N,) near those told of other layers, 0 where they are."""
-        return self._fit([*np.flatnonzero(told)], told, _WIDTHS[-_NEAR:])
-
-    def _fit(self, free: list[int], changes: Floats64, widths: Sequence[float]) -> Floats64:
-        """Changes (N,), of these lamps alone, without which ever narrower bells hold most pairs."""
-        changes = changes.copy()
-        for width in np.repeat(widths, _STEPS):
-            parts, real = self.without(changes)
-            apart = _apart(parts)
-            slopes = -_colour(self.light[free] / parts)
-            slopes = slopes[:, 0] - slopes[:, 1]
-            weights = real * np.exp(-0.5 * np.square(apart).sum(axis=1) / width**2)
-            weighed = slopes * weights[:, None]
-            curvature = np.einsum("inc,jnc->ij", weighed, slopes)
-            curvature += (_RIDGE * np.trace(curvature) + 1e-12) * np.eye(len(free))
-            step = np.linalg.solve(curvature, np.einsum("inc,nc->i", weighed, apart))
-            changes[free] = np.clip(changes[free] - step, -_MOST, _MOST)
-        return changes
+    steady = np.zeros(len(places.light))
+    changes, height = steady, places.height(steady)
+    free: list[int] = []
+    while len(free) < len(steady):
+        rest = [lamp for lamp in range(len(steady)) if lamp not in free]
+        fits = [places.fit([*free, lamp], steady, _MOST) for lamp in rest]
+        heights = [places.height(fit) * (np.abs(fit).max() < _MOST) for fit in fits]
+        best = int(np.argmax(heights))
+        if heights[best] < _GAIN * max(height, LEAST_HEIGHT):
+            break
+        free, changes, height = [*free, rest[best]], fits[best], heights[best]
+    return changes if np.abs(changes).max() > _NOTABLE else None
 
 
-def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | None:
+def _refined(places: Places, told: Floats64) -> Floats64:
+    """Changes (N,) near those told of other layers, 0 where they are."""
+    return places.fit(np.flatnonzero(told).tolist(), told, _MOST, WIDTHS[-_NEAR:])
+
+
+def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> Places | None:
     """Pairs of larger blocks; None where there are too few, or too little of the picture tells.
 
     lit: the pair with a flash part as far as it is known to be the flash's, by which lamps' shares
@@ -208,18 +163,7 @@ def _places(reduced: ReducedPair, lit: ReducedPair, lamps: Lamps) -> _Places | N
     if pairs is None:
         return None
     flash, *light = (each.reshape(-1, 3)[pairs] for each in (flash, *light))
-    return _Places(flash, np.stack(light))
-
-
-def _apart(parts: Floats64) -> Floats64:
-    """How far two places' (2, n, 3) colours are apart, (n, 2)."""
-    colours = _colour(np.log(parts))
-    return np.asarray(colours[0] - colours[1])
-
-
-def _colour(values: Floats64) -> Floats64:
-    """Red and blue less green of (…, 3)."""
-    return np.asarray(values[..., [0, 2]] - values[..., [1]])
+    return Places(flash, np.stack(light))
 
 
 def _warning(changes: Floats64) -> RunWarning:

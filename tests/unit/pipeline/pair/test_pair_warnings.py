@@ -10,6 +10,7 @@ from pipeline.arrays import Floats64
 from pipeline.images.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.banding import Banding
 from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.pair import make_pair
@@ -17,8 +18,10 @@ from pipeline.pair.pair_warnings import (
     blur_warnings,
     copy_warnings,
     darkening_warnings,
+    flicker_warnings,
+    moved_warnings,
     rendering_warnings,
-    unsteady_warnings,
+    rows_are_columns,
 )
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur
@@ -218,11 +221,26 @@ def test_bands_run_along_the_rows_of_the_sensor(
     size: tuple[int, int], orientation: int, down: bool
 ) -> None:
     """Of an upright picture they are columns, whether its file says that it was turned or not."""
-    (warning,) = unsteady_warnings(banded(*size, down), 0.0, orientation)
+    by_columns = rows_are_columns(size, orientation)
+
+    (warning,) = flicker_warnings(banded(*size, down), None, by_columns)
 
     assert warning.code == "flicker"
     assert warning.figures["height"] == pytest.approx(0.05, rel=0.1)
-    assert unsteady_warnings(banded(*size, not down), 0.0, orientation) == []
+    assert "mains. Expose for a multiple of 1/100 s" in warning.message
+    assert flicker_warnings(banded(*size, not down), None, by_columns) == []
+
+
+def test_bands_that_were_taken_off_are_told_with_their_height() -> None:
+    """What is left of them is not."""
+    banding = Banding(100.0, np.array([0.0, 0.2, 0.0, 0.0]), by_columns=False)
+
+    (warning,) = flicker_warnings(banded(150, 200, True), banding, False)
+
+    assert warning.code == "flicker"
+    assert warning.message.startswith("Bands of 20.0% of the light run across the picture: a lamp")
+    assert "it was taken off as far as a pair tells: expose for a multiple" in warning.message
+    assert warning.figures == {"height": pytest.approx(0.2)}
 
 
 def test_lamps_that_flicker_are_told_of_an_upright_pair(frame: Callable[..., Frame]) -> None:
@@ -259,10 +277,7 @@ def test_a_ratio_that_people_give_is_doubted_sooner_than_the_light(
 
 @pytest.mark.parametrize(("moved", "told"), [(0.002, False), (0.0021, True)])
 def test_motion_is_told_of_in_more_than_a_500th_of_the_picture(moved: float, told: bool) -> None:
-    logs = np.zeros((60, 60, 3))
-    still = Ratios(np.ones_like(logs), logs, logs + 1e-3, np.ones((60, 60), bool), 1)
-
-    found = unsteady_warnings(still, moved, 1)
+    found = moved_warnings(moved)
 
     assert [(warning.code, warning.figures) for warning in found] == [
         ("moved", {"share": moved})
