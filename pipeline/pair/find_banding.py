@@ -28,7 +28,7 @@ _STARTS = ((0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))  # cosine, sine
 _COARSE, _STEPS = (0.08, 0.04), 2  # of the search: bells as WIDTHS, and with each
 _MOST = np.repeat([0.6, 0.2], 2)  # of the lamps' light, as terms of Banding
 _MOST_STEADY, _LEAST_STEADY = 1.0, -0.2  # the same: in all rows, by a wrong ratio of the exposures
-_GAIN = 1.25  # times the height without bands
+_GAIN = 1.4  # times the height without bands
 
 
 def find_banding(ratios: Ratios, by_columns: bool) -> Banding | None:
@@ -81,7 +81,9 @@ class _Search:
             around = cycles - step, cycles, cycles + step
             near = [self._finely(each, terms) for each in around if each >= _CYCLES[0]]
             height, cycles, terms = max(near, key=lambda found: found[0])
-        told = height > _GAIN * without
+        # what ends at the limits of the search is a wrong ratio of the exposures
+        within = cycles > _CYCLES[0] and bool((np.abs(terms) < _MOST).all())
+        told = within and height > _GAIN * without
         return (float(cycles), terms) if told else None
 
     def _places(self, cycles: float) -> Places:
