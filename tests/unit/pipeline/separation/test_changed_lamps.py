@@ -12,8 +12,9 @@ from pipeline.errors import UnusablePairError
 from pipeline.lamps.count import DOUBTFUL
 from pipeline.lamps.lamps import Lamps
 from pipeline.options import LampCount
+from pipeline.pair.places import Places
 from pipeline.pair.reduced import ReducedPair
-from pipeline.separation.changed_lamps import _Places, lit_by_flash, without_change
+from pipeline.separation.changed_lamps import _refined, _told, lit_by_flash, without_change
 from tests.reduced_pairs import HEIGHT, WIDTH, reduced_pair
 
 Build = Callable[..., Any]
@@ -223,7 +224,7 @@ def test_the_warning_names_the_lamp_that_changed_most(
     assert warning.figures == {"lamp": lamp, "change": pytest.approx(change, abs=0.02)}
 
 
-def places(change: float, alike: int, strangers: int = 0) -> _Places:
+def places(change: float, alike: int, strangers: int = 0) -> Places:
     """Pairs of places that a lamp lights, more in the second one, and one that does not matter.
 
     change: of that lamp. alike: so many are of one paint. strangers: so many are not.
@@ -232,41 +233,15 @@ def places(change: float, alike: int, strangers: int = 0) -> _Places:
     other = paint.copy()
     other[alike:, 0] *= 3
     lamp = np.stack([0.2 * paint, 1.5 * other]) * [1.0, 0.6, 0.3]
-    return _Places(
+    return Places(
         np.stack([paint, other]) + change * lamp, np.stack([lamp, 0.01 * lamp[..., ::-1]])
     )
-
-
-def test_the_height_is_that_of_a_bell_above_a_wider_one_where_light_is_left() -> None:
-    """Of three pairs two differ by .03 and by .2 in red, and of one the change leaves nothing."""
-    flash = np.full((2, 3, 3), 0.5)
-    flash[1, :2, 0] *= np.exp((0.03, 0.2))
-    light = np.zeros((1, 2, 3, 3))
-    light[0, :, 2] = 1.0
-
-    height = _Places(flash, light).height(np.array([0.48]))
-
-    bells = [
-        np.exp(-0.5 * (off / 0.03) ** 2) - (0.03 / 0.08) ** 2 * np.exp(-0.5 * (off / 0.08) ** 2)
-        for off in (0.03, 0.2)
-    ]
-    np.testing.assert_allclose(height, 100 / 3 * sum(bells))
-
-
-@pytest.mark.parametrize(("change", "real"), [(0.47, True), (0.48, False)])
-def test_a_twentieth_of_the_flash_part_must_be_left(change: float, real: bool) -> None:
-    flash, light = np.full((2, 1, 3), 0.5), np.ones((1, 2, 1, 3))
-
-    left, whether = _Places(flash, light).without(np.array([change]))
-
-    np.testing.assert_allclose(left, max(0.5 - change, 0.025))
-    assert whether == [real]
 
 
 @pytest.mark.parametrize(("alike", "told"), [(5, False), (8, True)])
 def test_a_peak_of_few_pairs_is_chance(alike: int, told: bool) -> None:
     """.86 % for each of 1,000 that are of one paint; .53 % are asked for."""
-    found = places(0.2, alike, 1000 - alike).told()
+    found = _told(places(0.2, alike, 1000 - alike))
 
     assert (found is not None) == told
     if found is not None:
@@ -280,24 +255,25 @@ def test_two_lamps_may_have_changed() -> None:
     warm, cool = np.zeros((2, 2, 80, 3))
     warm[1, :40], cool[1, 40:] = paint[1, :40] * [1.0, 0.6, 0.3], paint[1, 40:] * [0.3, 0.6, 1.0]
 
-    found = _Places(paint + 0.2 * warm - 0.1 * cool, np.stack([warm, cool])).told()
+    found = _told(Places(paint + 0.2 * warm - 0.1 * cool, np.stack([warm, cool])))
 
     assert found is not None
     np.testing.assert_allclose(found, (0.2, -0.1), atol=1e-3)
 
 
 def test_a_change_is_refined_of_the_lamps_that_changed_alone() -> None:
-    found = places(0.2, 50).refined(np.array([0.17, 0.0]))
+    found = _refined(places(0.2, 50), np.array([0.17, 0.0]))
 
     np.testing.assert_allclose(found, (0.2, 0.0), atol=1e-3)
     assert found[1] == 0.0
-    assert np.abs(places(0.9, 50).refined(np.array([0.35, 0.0]))).max() <= 0.4
+    assert np.abs(_refined(places(0.9, 50), np.array([0.35, 0.0]))).max() <= 0.4
 
 
 def test_pairs_of_which_nothing_would_be_left_do_not_draw() -> None:
     right = places(0.2, 40)
     dim = np.concatenate([right.flash, np.full_like(right.flash, 1e-3)], axis=1)
 
-    found = _Places(dim, np.concatenate([right.light] * 2, axis=2)).refined(np.array([0.17, 0.0]))
+    both = Places(dim, np.concatenate([right.light] * 2, axis=2))
+    found = _refined(both, np.array([0.17, 0.0]))
 
     np.testing.assert_allclose(found, (0.2, 0.0), atol=1e-3)

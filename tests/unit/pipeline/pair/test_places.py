@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.pair.places import Places
+
+
+def test_the_height_is_that_of_a_bell_above_a_wider_one_where_light_is_left() -> None:
+    """Of three pairs two differ by .03 and by .2 in red, and of one the change leaves nothing."""
+    flash = np.full((2, 3, 3), 0.5)
+    flash[1, :2, 0] *= np.exp((0.03, 0.2))
+    light = np.zeros((1, 2, 3, 3))
+    light[0, :, 2] = 1.0
+
+    height = Places(flash, light).height(np.array([0.48]))
+
+    bells = [
+        np.exp(-0.5 * (off / 0.03) ** 2) - (0.03 / 0.08) ** 2 * np.exp(-0.5 * (off / 0.08) ** 2)
+        for off in (0.03, 0.2)
+    ]
+    np.testing.assert_allclose(height, 100 / 3 * sum(bells))
+
+
+@pytest.mark.parametrize(("change", "real"), [(0.47, True), (0.48, False)])
+def test_a_twentieth_of_the_flash_part_must_be_left(change: float, real: bool) -> None:
+    flash, light = np.full((2, 1, 3), 0.5), np.ones((1, 2, 1, 3))
+
+    left, whether = Places(flash, light).without(np.array([change]))
+
+    np.testing.assert_allclose(left, max(0.5 - change, 0.025))
+    assert whether == [real]
