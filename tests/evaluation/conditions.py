@@ -22,6 +22,7 @@ from tests.evaluation.spectra import (
 )
 
 _SENSOR = Sensor()
+_BANDS = 2.5  # to the picture
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Condition:
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     shake_px: of the hand during the one without the flash.
     lamp_change: by how much brighter the first lamp is in the flash photograph, of itself.
+    bands: height of the bands, in the flash photograph, of lamps that flicker, of their light.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
     colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
@@ -50,6 +52,7 @@ class Condition:
     motion_px: float = 0.0
     shake_px: float = 0.0
     lamp_change: float = 0.0
+    bands: float = 0.0
     camera: str | None = None
     camera_told: bool = True
     flash: str | None = None
@@ -65,6 +68,13 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         rendered = shaken(rendered, condition.shake_px)
     if condition.lamp_change:
         more = np.float32(condition.lamp_change) * rendered.lamps[0]
+        rendered = replace(rendered, flash_frame=rendered.flash_frame + more)
+    if condition.bands:
+        height = condition.size[1]
+        wave = np.sin(2 * np.pi * _BANDS * (np.arange(height) + 0.5) / height)
+        more = (condition.bands * wave[:, None, None] * rendered.lamps.sum(axis=0)).astype(
+            np.float32
+        )
         rendered = replace(rendered, flash_frame=rendered.flash_frame + more)
     if condition.files == "jpeg":
         taken = capture_jpeg(rendered, condition.contrast, condition.balance, condition.mapping)

@@ -74,6 +74,7 @@ _WRONG_CAMERA = Condition(lights="auto", camera="Sigma SD1 Merrill")
 _WRONG_RATIO = Condition(lights="auto", exposure_ratio=1.5)
 _SHAKEN = Condition(lights="auto", files="noisy", shake_px=4.0)
 _UNSTEADY = Condition(lights="auto", files="noisy", lamp_change=0.2)
+_BANDED = Condition(lights="auto", files="noisy", bands=0.2)
 _JPEG = Condition(lights="auto", files="jpeg")
 _MAPPED = Condition(lights="auto", files="jpeg", mapping=0.3)
 _FOR_BULBS = Condition(lights="auto", files="jpeg", balance="bulbs")
@@ -97,6 +98,7 @@ CASES = (
     Case("a wrong exposure ratio", "two", _WRONG_RATIO, Code.EXPOSURE_MISMATCH),
     Case("shaken by 4 px, sensor noise", "two", _SHAKEN, Code.BLURRED, most=3),
     Case("a lamp 20 % brighter with the flash, sensor noise", "two", _UNSTEADY, Code.LIGHT_CHANGED),
+    Case("bands of lamps that flicker, sensor noise", "two", _BANDED, Code.FLICKER, most=3),
     Case("JPEG", "two", _JPEG, Code.RENDERED_SRGB),
     Case("JPEG, locally tone mapped", "two", _MAPPED, Code.LOCAL_TONE_MAPPING, _plain, 3),
     Case("JPEG balanced for bulbs", "two", _FOR_BULBS, Code.FLASH_BLUE),
