@@ -19,7 +19,6 @@ from pipeline.images.area_means import area_means, size_within
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image
 from pipeline.images.quantiles import ENOUGH, quantile
-from pipeline.pair.full_size import full_size_shift
 from pipeline.pair.refine import (
     HOMOGRAPHY,
     SHIFT,
@@ -101,15 +100,12 @@ def _attempt(no_flash: Photograph, flash: Photograph, long_side: int) -> Alignme
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
     matrix = _to_size(small, size, (width, height))
-    if size != (width, height) and np.array_equal(small, np.eye(3)):
-        steps = reference_steps[-1], sample_steps[-1]
-        matrix[:2, 2] = full_size_shift(no_flash, flash, steps)
     motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
         return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
     if motion > _MAX_MOTION * np.hypot(width, height):
         return _refused(float(correlation), f"a motion of {motion:.0f} pixels is implausible")
-    return Alignment(not np.array_equal(matrix, np.eye(3)), matrix, float(correlation))
+    return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
 
 
 def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
