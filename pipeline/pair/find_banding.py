@@ -17,7 +17,7 @@ from pipeline.arrays import Floats64
 from pipeline.pair.banding import WAVES, Banding, series
 from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, larger_blocks
 from pipeline.pair.one_surface import pairs_apart
-from pipeline.pair.places import LEAST_HEIGHT, WIDTHS, Places
+from pipeline.pair.places import WIDTHS, Places
 from pipeline.pair.ratios import Ratios
 
 # Chosen on development scenes (docs/trials/banding.md)
@@ -28,7 +28,8 @@ _STARTS = ((0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))  # cosine, sine
 _COARSE, _STEPS = (0.08, 0.04), 2  # of the search: bells as WIDTHS, and with each
 _MOST = np.repeat([0.6, 0.2], 2)  # of the lamps' light, as terms of Banding
 _MOST_STEADY, _LEAST_STEADY = 1.0, -0.2  # the same: in all rows, by a wrong ratio of the exposures
-_GAIN = 1.4  # times the height without bands
+_GAIN = 1.5  # times the height without bands
+_LEAST_HEIGHT = 1.5  # % of the pairs; of lower peaks noise makes as much
 
 
 def find_banding(ratios: Ratios, by_columns: bool) -> Banding | None:
@@ -72,7 +73,7 @@ class _Search:
         """Cycles to all rows and terms of Banding, None where too little is gained by them."""
         steady, none = Places(self.flash, self.light[None]), np.zeros(1)
         ratio = np.clip(steady.fit([0], none, _MOST_STEADY), _LEAST_STEADY, None)
-        without = max(steady.height(none), steady.height(ratio), LEAST_HEIGHT)
+        without = max(steady.height(none), steady.height(ratio), _LEAST_HEIGHT)
         roughly = (self._roughly(each) for each in _CYCLES)
         height, cycles, terms = max(roughly, key=lambda found: found[0])
         step = _CYCLES[1] - _CYCLES[0]

@@ -34,7 +34,7 @@ def changes(found: Banding, side: int) -> Floats64:
 
 
 @pytest.mark.parametrize("cycles", [0.8, 2.3, 9.5])
-@pytest.mark.parametrize("height", [0.1, 0.2])
+@pytest.mark.parametrize("height", [0.15, 0.2])
 def test_what_rows_gave_more_is_found(cycles: float, height: float) -> None:
     found = find_banding(flickering(cycles, height), by_columns=False)
 
