@@ -17,7 +17,7 @@ from pipeline.arrays import Floats64
 from pipeline.pair.banding import WAVES, Banding, series
 from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, larger_blocks
 from pipeline.pair.one_surface import pairs_apart
-from pipeline.pair.places import WIDTHS, Places
+from pipeline.pair.pairs_of_places import WIDTHS, Places
 from pipeline.pair.ratios import Ratios
 
 # Chosen on development scenes (docs/trials/banding.md)

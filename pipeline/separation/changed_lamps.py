@@ -22,7 +22,7 @@ from pipeline.lamps.lamps import Lamps
 from pipeline.options import LampCount
 from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, sums_of_blocks
 from pipeline.pair.one_surface import pairs_apart
-from pipeline.pair.places import LEAST_HEIGHT, WIDTHS, Places
+from pipeline.pair.pairs_of_places import WIDTHS, Places
 from pipeline.pair.reduced import ReducedPair
 from pipeline.result_names import lamp_name
 from pipeline.run_warnings import Code, RunWarning
@@ -32,7 +32,7 @@ from pipeline.separation.proportions import model_proportions
 _FEW_PAIRS = 300
 _LEAST_KNOWN = 0.6  # of the picture; an object before black has too few surfaces
 _NEAR = 3  # of WIDTHS, the narrow ones that refine what was found
-_GAIN = 1.06  # times the height, by a lamp that changed
+_GAIN, _LEAST_HEIGHT = 1.06, 0.5  # times the height, by a lamp that changed; % of the pairs
 _MOST = 0.4  # change; greater ones are found where little tells
 _NOTABLE = 0.06  # change; less is told of unchanged lamps
 _SETTLED, _ROUNDS = 0.01, 4
@@ -129,7 +129,7 @@ def _told(places: Places) -> Floats64 | None:
         fits = [places.fit([*free, lamp], steady, _MOST) for lamp in rest]
         heights = [places.height(fit) * (np.abs(fit).max() < _MOST) for fit in fits]
         best = int(np.argmax(heights))
-        if heights[best] < _GAIN * max(height, LEAST_HEIGHT):
+        if heights[best] < _GAIN * max(height, _LEAST_HEIGHT):
             break
         free, changes, height = [*free, rest[best]], fits[best], heights[best]
     return changes if np.abs(changes).max() > _NOTABLE else None

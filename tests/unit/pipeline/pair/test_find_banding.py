@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.pair.banding import Banding, series
-from pipeline.pair.find_banding import find_banding
+from pipeline.pair.find_banding import _Search, find_banding
 from pipeline.pair.ratios import Ratios
 from tests.unit.pipeline.pair.ratios_of_scenes import ratios_of
 from tests.unit.pipeline.pair.shadows_on_paint import SIZE, light_of
@@ -116,3 +116,21 @@ def test_where_nothing_can_be_used_nothing_is_told() -> None:
     unusable = replace(ratios, usable=np.zeros_like(ratios.usable))
 
     assert find_banding(unusable, by_columns=False) is None
+
+
+@pytest.mark.parametrize(("alike", "told"), [(20, False), (40, True)])
+def test_a_peak_of_few_pairs_is_noise(alike: int, told: bool) -> None:
+    """.86 % for each ten of a thousand that are of one paint; 2.25 % are asked for."""
+    random = np.random.default_rng(4)
+    paint = random.uniform(0.5, 0.9, (1000, 3))
+    other = paint.copy()
+    other[alike:, 0] *= 3
+    rows = random.uniform(0, 1, (2, 1000))
+    lamp = np.stack([0.6 * paint, 0.6 * other]) * [1.0, 0.6, 0.3]
+    more = 0.2 * np.sin(4 * np.pi * rows)[..., None] * lamp
+
+    found = _Search(np.stack([paint, other]) + more, lamp, rows).found()
+
+    assert (found is not None) == told
+    if found is not None:
+        assert found[0] == pytest.approx(2.0, abs=0.05)

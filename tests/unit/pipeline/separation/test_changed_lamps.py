@@ -12,7 +12,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.lamps.count import DOUBTFUL
 from pipeline.lamps.lamps import Lamps
 from pipeline.options import LampCount
-from pipeline.pair.places import Places
+from pipeline.pair.pairs_of_places import Places
 from pipeline.pair.reduced import ReducedPair
 from pipeline.separation.changed_lamps import _refined, _told, lit_by_flash, without_change
 from tests.reduced_pairs import HEIGHT, WIDTH, reduced_pair

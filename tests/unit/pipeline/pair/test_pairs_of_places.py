@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.pair.places import Places
+from pipeline.pair.pairs_of_places import Places
 
 
 def test_the_height_is_that_of_a_bell_above_a_wider_one_where_light_is_left() -> None:

@@ -19,9 +19,6 @@ from pipeline.images.frames import Mask
 WIDTHS = (0.1, 0.06, 0.04, 0.025, 0.015)
 """Natural logarithms of colour, of bells one by one: the first holds all pairs of one surface."""
 
-LEAST_HEIGHT = 0.5
-"""% of the pairs; lower peaks tell nothing."""
-
 _STEPS = 5  # with each bell
 _RIDGE = 1e-3  # of all curvature
 _PEAK = (0.03, 0.08)  # the same: a bell less a wide one of the same volume, as of one_surface
