@@ -3,8 +3,10 @@
 A hand that shakes while the room's light is gathered, or a focus that differs, blurs one
 photograph; the flash freezes the other. What both show of the surfaces, steps relative to what
 lies around, then differs by a diffusion, and by a shift: photographs are laid on each other by one
-end of a shake. Source: Favaro, Soatto, Burger & Osher, "Shape from Defocus via Diffusion", PAMI
-2008, with one diffusion for the whole picture, in two dimensions, and the shift beside it.
+end of a shake. A diffusion is the same by coarse steps as by fine ones; where light falls on things
+otherwise, one that grows with the steps is found. Source: Favaro, Soatto, Burger & Osher, "Shape
+from Defocus via Diffusion", PAMI 2008, with one diffusion for the whole picture, in two dimensions,
+and the shift beside it.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from pipeline.pair.ratios import Ratios
 
 # In blocks of the ratios; chosen on development scenes (docs/trials/blur.md)
 _FINE = 0.7  # what is finer is noise, and too steep for a diffusion
+_COARSE, _GROWN = 1.4, 1.6  # by what is coarser a blur's variance is not so many times as much
 _LOCAL = 4.0  # what is smoother is light
 _DARK = 0.02  # of the 95th percentile, added to what is around
 _DARK_QUANTILE = 0.95
@@ -79,13 +82,17 @@ def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
 
     ratios: of the flash photograph over the other; their scale does not matter. unusable: bool
     (H, W), of the pixels. Dark blocks count, too: outlines before them are as sharp in both.
-    Variances below a third of a block's side, squared, are not looked for: they cost little.
+    Variances below a third of a block's side, squared, are not looked for: they cost little. Nor is
+    told what is wider by coarser steps, as the shading of shiny things under other light seems.
     """
     no_flash = ratios.no_flash.astype(np.float32)
     flash = np.exp(ratios.logs).astype(np.float32) * no_flash
     usable = ~any_in_blocks(unusable, ratios.block)
     found = _found(no_flash, flash, usable, _HALVINGS)
-    return None if found is None else _surely(found, ratios.block)
+    if found is None or _surely(found, found, ratios.block) is None:
+        return None
+    coarse = _compared(no_flash, flash, usable, found, _COARSE)
+    return None if coarse is None else _surely(found, coarse, ratios.block)
 
 
 def blurred(photograph: Photograph, kernel: Floats32, own: bool = False) -> Image:
@@ -167,12 +174,14 @@ def _halved(light: Image) -> Image:
     return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _compared(no_flash: Image, flash: Image, usable: Mask, first: _Moments) -> _Moments | None:
-    """What _difference finds of two photographs, from first moments on."""
-    steps, usable, found = _steps(no_flash), _open_blocks(usable), first
+def _compared(
+    no_flash: Image, flash: Image, usable: Mask, first: _Moments, fine: float = _FINE
+) -> _Moments | None:
+    """What _difference finds of two photographs, from first moments on, by steps no finer."""
+    steps, usable, found = _steps(no_flash, fine), _open_blocks(usable), first
     for _ in range(_ROUNDS):
         kernel = blur_kernel(_positive(found.covariance), found.mean)
-        change = _difference(steps, _steps(blurred(flash, kernel)), usable)
+        change = _difference(steps, _steps(blurred(flash, kernel), fine), usable)
         if change is None:
             return None
         mean, covariance = _moments(kernel)
@@ -203,11 +212,11 @@ def _open_blocks(usable: Mask) -> Mask:
     return inside
 
 
-def _steps(light: Image) -> Image:
-    """Steps of reflectance (h, w, 3), relative to the light around."""
+def _steps(light: Image, fine: float) -> Image:
+    """Steps of reflectance (h, w, 3), relative to the light around, without what is finer."""
     bright = np.quantile(light.reshape(-1, 3)[::_SPARSE], _DARK_QUANTILE, axis=0)
     around = cv2.GaussianBlur(light, (0, 0), _LOCAL) + np.float32(_DARK * bright)
-    relative = cv2.GaussianBlur(light, (0, 0), _FINE) / around
+    relative = cv2.GaussianBlur(light, (0, 0), fine) / around
     return np.asarray(relative - cv2.GaussianBlur(relative, (0, 0), _LOCAL), np.float32)
 
 
@@ -280,14 +289,16 @@ def _solved(normal: Floats64, right: Floats64) -> Floats64:
     return np.asarray(np.linalg.lstsq(normal, right, rcond=1e-6)[0])
 
 
-def _surely(found: _Moments, block: int) -> RelativeBlur | None:
-    """What is sure of it, in pixels, with so many to a block."""
+def _surely(found: _Moments, coarse: _Moments, block: int) -> RelativeBlur | None:
+    """What is sure of it, in pixels, with so many to a block; coarse: the same by coarser steps."""
     variances, axes = np.linalg.eigh(found.covariance)
+    most = _GROWN * variances
+    by_coarse = np.einsum("xi,xy,yi->i", axes, coarse.covariance, axes)
     errors = [_SURELY * _deviation(axis, found.error) for axis in axes.T]
     no_flash, flash_px = np.zeros((2, 2)), 0.0
-    if variances[1] > max(_LEAST, errors[1]):
+    if variances[1] > max(_LEAST, errors[1]) and by_coarse[1] < most[1]:
         no_flash = block**2 * _positive(found.covariance)
-    if -variances[0] > max(_LEAST_OF_FLASH, errors[0]):
+    if -variances[0] > max(_LEAST_OF_FLASH, errors[0]) and by_coarse[0] > most[0]:
         flash_px = block * float(np.sqrt(-variances[0]))
     blur = RelativeBlur(no_flash, flash_px, block * found.mean)
     return blur if no_flash.any() or flash_px else None

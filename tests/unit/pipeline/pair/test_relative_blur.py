@@ -68,6 +68,15 @@ def test_photographs_as_sharp_as_each_other_are_not_told() -> None:
     assert told(*photographs(SHAKEN, SHAKEN)) is None
 
 
+@pytest.mark.parametrize(("share", "veiled"), [(0.3, 0), (0.65, 1)])
+def test_shading_around_edges_is_no_blur(share: float, veiled: int) -> None:
+    """Some of the light is wide, as where a lamp shades shiny things otherwise than the flash."""
+    light, wide = [*photographs()], photographs(9 * np.eye(2), 9 * np.eye(2))
+    light[veiled] = (1 - share) * light[veiled] + share * wide[veiled]
+
+    assert told(light[0], light[1]) is None
+
+
 def test_a_flash_photograph_that_is_less_sharp_is_told_by_its_deviation() -> None:
     found = told(*photographs(flash=np.diag([2.0, 0.3])))
 
@@ -102,11 +111,20 @@ def test_moments_in_blocks_half_as_large_are_those_of_twice_the_lengths() -> Non
 
 
 def surely(
-    xx: float, yy: float, xy: float = 0.0, error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xx: float,
+    yy: float,
+    xy: float = 0.0,
+    error: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    grown: tuple[float, float] = (1.0, 1.0),
 ) -> RelativeBlur | None:
-    """What is sure of moments in blocks of 3 pixels; error: standard ones of xx, xy and yy."""
+    """What is sure of moments in blocks of 3 pixels.
+
+    error: standard ones of xx, xy and yy. grown: times xx and yy by coarser steps.
+    """
     covariance = np.array([[xx, xy], [xy, yy]])
-    return _surely(_Moments(covariance, np.array([1.0, -0.5]), np.diag(np.square(error))), 3)
+    found = _Moments(covariance, np.array([1.0, -0.5]), np.diag(np.square(error)))
+    coarse = replace(found, covariance=covariance * np.add.outer(grown, grown) / 2)
+    return _surely(found, coarse, 3)
 
 
 def test_what_is_sure_is_told_in_pixels() -> None:
@@ -138,6 +156,21 @@ def test_what_is_sure_is_told_in_pixels() -> None:
 )
 def test_a_blur_is_sure_beyond_a_least_and_its_errors(found: Any, sure: bool) -> None:
     assert (surely(*found) is not None) == sure
+
+
+@pytest.mark.parametrize(
+    ("found", "grown", "sure"),
+    [
+        ((1.0, 0.1), (1.55, 9.0), True),  # along the axis of what is told alone
+        ((1.0, 0.1), (1.65, 1.0), False),
+        ((-2.0, 0.0), (1.55, 9.0), True),
+        ((-2.0, 0.0), (1.65, 1.0), False),
+    ],
+)
+def test_a_blur_is_no_wider_by_coarser_steps(
+    found: tuple[float, float], grown: tuple[float, float], sure: bool
+) -> None:
+    assert (surely(*found, grown=grown) is not None) == sure
 
 
 def test_a_blur_is_told_in_pixels_of_large_photographs() -> None:
