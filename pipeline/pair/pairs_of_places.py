@@ -44,8 +44,24 @@ class Places:
 
     def height(self, changes: Floats64) -> float:
         """Of the peak of flash parts that have one colour in both places, % of the pairs."""
+        return self._height(changes, 0.0)
+
+    def gain(self, changes: Floats64, before: Floats64) -> float:
+        """By how much the peak is higher without changes (N,) than without those before, as height.
+
+        Light that is put back to the flash parts makes any colours more alike, and light that is
+        taken off less. So colours are held against each other as they are, and as far apart as
+        they would be in all of the flash part; the lesser gain counts.
+        """
+        return min(
+            self._height(changes, whole) - self._height(before, whole) for whole in (0.0, 1.0)
+        )
+
+    def _height(self, changes: Floats64, whole: float) -> float:
+        """Height of the peak; whole: power of parts ÷ flash that colours are apart by, too."""
         parts, real = self.without(changes)
-        apart = np.square(_apart(parts)).sum(axis=1)
+        left = np.exp(whole * np.log(parts / self.flash).mean(axis=(0, 2)))
+        apart = np.square(left[:, None] * _apart(parts)).sum(axis=1)
         narrow, wide = _PEAK
         bells = np.exp(-0.5 * apart / narrow**2)
         bells -= (narrow / wide) ** 2 * np.exp(-0.5 * apart / wide**2)

@@ -32,7 +32,8 @@ from pipeline.separation.proportions import model_proportions
 _FEW_PAIRS = 300
 _LEAST_KNOWN = 0.6  # of the picture; an object before black has too few surfaces
 _NEAR = 3  # of WIDTHS, the narrow ones that refine what was found
-_GAIN, _LEAST_HEIGHT = 1.06, 0.5  # times the height, by a lamp that changed; % of the pairs
+_GAIN, _LEAST_HEIGHT = 0.06, 0.5  # of the height, by a lamp that changed; % of the pairs
+_CHANCE = 0.21  # the same, times the root of the height: how many pairs there are is chance
 _MOST = 0.4  # change; greater ones are found where little tells
 _NOTABLE = 0.06  # change; less is told of unchanged lamps
 _SETTLED, _ROUNDS = 0.01, 4
@@ -127,11 +128,12 @@ def _told(places: Places) -> Floats64 | None:
     while len(free) < len(steady):
         rest = [lamp for lamp in range(len(steady)) if lamp not in free]
         fits = [places.fit([*free, lamp], steady, _MOST) for lamp in rest]
-        heights = [places.height(fit) * (np.abs(fit).max() < _MOST) for fit in fits]
-        best = int(np.argmax(heights))
-        if heights[best] < _GAIN * max(height, _LEAST_HEIGHT):
+        gains = [places.gain(fit, changes) * (np.abs(fit).max() < _MOST) for fit in fits]
+        best, most = int(np.argmax(gains)), max(gains)
+        before = max(height, 0.0)
+        if most < max(_GAIN * before, _CHANCE * np.sqrt(before), _LEAST_HEIGHT - before):
             break
-        free, changes, height = [*free, rest[best]], fits[best], heights[best]
+        free, changes, height = [*free, rest[best]], fits[best], places.height(fits[best])
     return changes if np.abs(changes).max() > _NOTABLE else None
 
 

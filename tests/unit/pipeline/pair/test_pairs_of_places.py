@@ -30,3 +30,32 @@ def test_a_twentieth_of_the_flash_part_must_be_left(change: float, real: bool) -
 
     np.testing.assert_allclose(left, max(0.5 - change, 0.025))
     assert whether == [real]
+
+
+@pytest.mark.parametrize("change", [-1.0, -0.3, 0.5])
+def test_light_that_makes_all_colours_more_or_less_alike_gains_nothing(change: float) -> None:
+    """The lamp's colour is the flash's own, and red differs by .03."""
+    flash = np.full((2, 1, 3), 0.5)
+    flash[1, 0, 0] *= np.exp(0.03)
+    places, steady = Places(flash, np.full((1, 2, 1, 3), 0.2)), np.zeros(1)
+
+    found = places.gain(np.array([change]), steady)
+
+    assert found < 0.1
+    higher = places.height(np.array([change])) - places.height(steady)
+    assert higher < -14 if change > 0 else higher > 6
+
+
+def test_a_gain_is_of_the_height_where_light_is_taken_off() -> None:
+    """A lamp's red is half of the flash part's in one place."""
+    flash = np.full((2, 1, 3), 0.5)
+    flash[1, 0, 0] = 1.0
+    light = np.zeros((1, 2, 1, 3))
+    light[0, 1, 0, 0] = 1.0
+    places = Places(flash, light)
+
+    found = places.gain(np.array([0.49]), np.zeros(1))
+
+    expected = places.height(np.array([0.49])) - places.height(np.zeros(1))
+    assert expected > 50
+    np.testing.assert_allclose(found, expected)

@@ -224,15 +224,17 @@ def test_the_warning_names_the_lamp_that_changed_most(
     assert warning.figures == {"lamp": lamp, "change": pytest.approx(change, abs=0.02)}
 
 
-def places(change: float, alike: int, strangers: int = 0) -> Places:
+def places(change: float, alike: int, strangers: int = 0, unlit: int = 0) -> Places:
     """Pairs of places that a lamp lights, more in the second one, and one that does not matter.
 
-    change: of that lamp. alike: so many are of one paint. strangers: so many are not.
+    change: of that lamp. alike: so many are of one paint. strangers: so many are not. unlit: so
+    many of the others are of one paint, but without the lamps.
     """
     paint = np.random.default_rng(4).uniform(0.5, 0.9, (alike + strangers, 3))
     other = paint.copy()
     other[alike:, 0] *= 3
     lamp = np.stack([0.2 * paint, 1.5 * other]) * [1.0, 0.6, 0.3]
+    other[alike : alike + unlit], lamp[:, alike : alike + unlit] = paint[alike : alike + unlit], 0.0
     return Places(
         np.stack([paint, other]) + change * lamp, np.stack([lamp, 0.01 * lamp[..., ::-1]])
     )
@@ -246,6 +248,34 @@ def test_a_peak_of_few_pairs_is_chance(alike: int, told: bool) -> None:
     assert (found is not None) == told
     if found is not None:
         np.testing.assert_allclose(found, (0.2, 0.0), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("alike", "unlit", "told"),
+    [(3, 24, False), (4, 24, True), (22, 466, False), (30, 466, True)],
+)
+def test_a_gain_is_more_than_chance_and_a_share_of_the_height(
+    alike: int, unlit: int, told: bool
+) -> None:
+    """.086 % for each; of a height of 2 % chance makes .28, and 6 % of 40 % are 2.4."""
+    found = _told(places(0.2, alike, 1000 - alike, unlit))
+
+    assert (found is not None) == told
+
+
+def test_a_lamp_of_the_flashs_own_colour_is_not_told_weaker() -> None:
+    """Its light, put back to the flash part, makes any two places more alike."""
+    random = np.random.default_rng(4)
+    flash = np.exp(random.normal(0, 0.03, (2, 1000, 3)))
+    near = np.ones_like(flash)
+    near[1, :, 0] = 1.2
+    like_flash, steady = Places(flash, np.stack([near, 0.01 * flash])), np.zeros(2)
+
+    found = like_flash.fit([0], steady, 0.4)
+
+    assert -0.4 < found[0] < -0.1
+    assert like_flash.height(found) > 1.15 * like_flash.height(steady)
+    assert _told(like_flash) is None
 
 
 def test_two_lamps_may_have_changed() -> None:
