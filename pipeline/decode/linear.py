@@ -13,7 +13,7 @@ from pipeline.arrays import Floats32, Floats64
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
-from pipeline.decode.saturation import saturation
+from pipeline.decode.saturation import end_below_white, saturation
 from pipeline.images.coded_image import LevelImage, TableImage
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.memory import empty_image, releasable
@@ -75,11 +75,14 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     return out
 
 
-def clipped(samples: Samples, clip: float | None = None, curved: bool = False) -> Mask:
+def clipped(
+    samples: Samples, clip: float | None = None, curved: bool = False, linear: bool = False
+) -> Mask:
     """Pixels (H, W), upright, with a clipped channel.
 
     clip: of RAW, the value from which a sensor's count as clipped, with the pixels around whose
-        demosaiced values came from them; None for other files.
+        demosaiced values came from them; None for other files. linear: the values of another file
+        are, so that channels whose values pile up below white are clipped there.
     8 bits: 254 and above (the last code values before white are bent by the camera's curve and
     by JPEG), and as much of white where 16 bits are curved. 16 bits else: white itself. Float files
     say nothing of where the sensor ended, save one whose largest value is exactly 1: that has been
@@ -95,11 +98,24 @@ def clipped(samples: Samples, clip: float | None = None, curved: bool = False) -
         below = np.ceil(_RENDERED_CLIP * samples.white) - 1
     else:
         below = samples.white - (2 if values.dtype == np.uint8 else 1)
+    upper = [float(below)] * 3
+    if linear:
+        ends = [end_below_white(values[..., channel], samples.white) for channel in range(3)]
+        upper = [
+            most if end is None else _just_below(end, values)
+            for end, most in zip(ends, upper, strict=True)
+        ]
     mask = np.empty(values.shape[:2], np.bool_)
     for rows in strips(len(values), STRIP_ROWS):
-        within = cv2.inRange(values[rows], (-np.inf,) * 3, (float(below),) * 3)
+        within = cv2.inRange(values[rows], (-np.inf,) * 3, tuple(upper))
         np.equal(within, 0, out=mask[rows])
     return mask if clip is None else _reached(mask.view(np.uint8))
+
+
+def _just_below(end: float, values: NDArray[Any]) -> float:
+    if values.dtype.kind == "f":
+        return float(np.nextafter(np.float32(end), np.float32(0)))
+    return float(np.ceil(end)) - 1
 
 
 def clipped_photosites(mosaic: NDArray[np.uint16], black: Floats64, white: float) -> Mask:

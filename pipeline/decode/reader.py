@@ -138,7 +138,7 @@ def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) ->
     linear = partial(to_linear, srgb=encoding == "srgb", profiled=by_profile)
     empty = None if samples.empty is None else upright(samples.empty, samples.orientation)
     bent = curved or (kind == "HEIF" and encoding == "srgb")
-    saturated = clipped(samples, curved=bent)
+    saturated = clipped(samples, curved=bent, linear=encoding == "linear")
     if empty is not None:
         saturated &= ~empty  # the white of a cut-out's ground is no light
     return _Read(

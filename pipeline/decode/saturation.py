@@ -1,6 +1,8 @@
-"""From which value on the photosites of a sensor count as clipped."""
+"""From which value on the photosites of a sensor, or the linear values of a file, are clipped."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,8 @@ _BELOW = 10
 """Piles' widths below a pile that hold no more photosites than it; even light spreads over them."""
 _FEWEST = 100
 """Photosites of a pile; of fewer, chance decides where they lie."""
+_MOST_PILED = 0.5
+"""Share of a picture's values; where more are alike, it is even and not clipped."""
 
 
 def saturation(values: NDArray[np.uint16], black: float, white: float) -> float:
@@ -33,10 +37,28 @@ def saturation(values: NDArray[np.uint16], black: float, white: float) -> float:
     if most >= limit or most < black + _LEAST * white:
         return limit
     end = most - _PILE * white
+    return float(np.ceil(end)) if _pile_up(values, end, _PILE * white) else limit
+
+
+def end_below_white(values: NDArray[Any], white: float) -> float | None:
+    """Value from which linear values are clipped that pile up below white; None if they do not.
+
+    values: of one channel, any shape. Whoever wrote a sensor's values on another scale, or balanced
+    them, has moved the end of each channel: values of 14 bits in a file of 16 end at a quarter.
+    """
+    most = float(values.max(initial=0))
+    if not 0 < most < white:
+        return None
+    end = (1 - _PILE) * most
+    even = _reaching(values, end) > _MOST_PILED * values.size
+    return end if not even and _pile_up(values, end, _PILE * most) else None
+
+
+def _pile_up(values: NDArray[Any], end: float, width: float) -> bool:
+    """Whether values lie from an end on, and few just below it; width: of what lies there."""
     pile = _reaching(values, end)
-    below = _reaching(values, end - _BELOW * _PILE * white) - pile
-    return float(np.ceil(end)) if pile >= max(below, _FEWEST) else limit
+    return pile >= _FEWEST and pile >= _reaching(values, end - _BELOW * width) - pile
 
 
-def _reaching(values: NDArray[np.uint16], limit: float) -> int:
-    return int(np.count_nonzero(np.greater_equal(values, limit)))
+def _reaching(values: NDArray[Any], limit: float) -> int:
+    return int(np.count_nonzero(values >= limit))

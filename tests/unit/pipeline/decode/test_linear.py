@@ -82,6 +82,30 @@ def test_floats_are_clipped_only_where_1_is_their_end() -> None:
     assert not clipped(Samples(values, 1.0)).any()
 
 
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_a_channel_of_linear_values_may_end_below_white(dtype: type) -> None:
+    white = 65535.0 if dtype is np.uint16 else 1.0
+    values = np.random.default_rng(0).uniform(0.05, 0.3, (40, 50, 3))
+    values[:5, :20, 0], values[20:30, :10, 2] = 0.8, 0.4  # 100 values each
+    samples = Samples((white * values).astype(dtype), white)
+
+    expected = np.zeros((40, 50), bool)
+    expected[:5, :20] = expected[20:30, :10] = True
+    np.testing.assert_array_equal(clipped(samples, linear=True), expected)
+    assert not clipped(samples).any()
+
+
+def test_linear_values_that_end_below_white_are_clipped_at_white_as_well() -> None:
+    values = np.full((40, 50, 3), 10_000, np.uint16)
+    values[:5, :20, 0], values[7, 7, 1] = 40_000, 65_535
+
+    mask = clipped(Samples(values, 65535.0), linear=True)
+
+    assert mask[:5, :20].all()
+    assert mask[7, 7]
+    assert mask.sum() == 101
+
+
 def test_a_clipped_sensor_value_spoils_the_pixels_around_it() -> None:
     values = np.full((11, 11, 3), 20_000, np.uint16)
     values[5, 5, 0] = 65_000

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
-from pipeline.decode.saturation import saturation
+from pipeline.decode.saturation import end_below_white, saturation
 
 _BLACK, _WHITE = 512.0, 15_871.0
 _TOLD = 16_225.0  # 512 + .99 of 15,871, to whole values
@@ -98,3 +98,57 @@ def test_what_reaches_the_white_level_ends_there() -> None:
 
 def test_no_photosites_have_no_end() -> None:
     assert saturation(np.empty((0, 4), np.uint16), _BLACK, _WHITE) == _TOLD
+
+
+def _linear(light: Floats64, end: float, full_well: float = 20_000.0) -> Floats64:
+    """Linear values of a file, 1 = white, of a sensor that ends at that value."""
+    noise = np.random.default_rng(0).normal(size=light.shape)
+    return np.minimum(light + noise * np.sqrt(np.maximum(light, 0) / full_well), end)
+
+
+@pytest.mark.parametrize("end", [0.2, 0.8, 0.99])
+def test_linear_values_that_pile_up_below_white_are_clipped_there(end: float) -> None:
+    values = _linear(_room(3.0), end)
+
+    limit = end_below_white(values, 1.0)
+
+    assert limit == pytest.approx(0.995 * end)
+    assert np.count_nonzero(values >= limit) >= 40 * 30
+
+
+def test_what_pile_up_at_white_needs_no_other_end() -> None:
+    assert end_below_white(_linear(_room(3.0), 1.0), 1.0) is None
+
+
+@pytest.mark.parametrize("brightest", [0.2, 0.5, 0.9])
+def test_linear_values_of_even_light_have_no_end(brightest: float) -> None:
+    assert end_below_white(_linear(_room(brightest), np.inf), 1.0) is None
+
+
+@pytest.mark.parametrize(("count", "told"), [(99, False), (100, True)])
+def test_a_hundred_linear_values_tell(count: int, told: bool) -> None:
+    values = np.full(5_000, 0.1)
+    values[:count] = 0.5
+
+    assert (end_below_white(values, 1.0) is not None) is told
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.5, True), (0.501, False)])
+def test_of_values_that_are_mostly_alike_none_is_clipped(share: float, told: bool) -> None:
+    values = np.full(5_000, 0.1)
+    values[: int(share * 5_000)] = 0.5
+
+    assert (end_below_white(values, 1.0) is not None) is told
+
+
+@pytest.mark.parametrize(("below", "told"), [(300, True), (301, False)])
+def test_a_pile_holds_no_less_than_what_lies_just_below_it(below: int, told: bool) -> None:
+    values = np.full(5_000, 0.1)
+    values[:300], values[300 : 300 + below] = 0.5, 0.48
+
+    assert (end_below_white(values, 1.0) is not None) is told
+
+
+@pytest.mark.parametrize("values", [np.zeros(5_000), np.full(5_000, -0.1), np.empty(0)])
+def test_black_and_nothing_have_no_end(values: Floats64) -> None:
+    assert end_below_white(values, 1.0) is None
