@@ -19,6 +19,7 @@ class Code(StrEnum):
     EXPOSURE_ASSUMED = "exposure_assumed"
     EXPOSURE_ESTIMATED = "exposure_estimated"
     EXPOSURE_MISMATCH = "exposure_mismatch"
+    ENCODING_DOUBTFUL = "encoding_doubtful"
     RENDERED_SRGB = "rendered_srgb"
     AUTO_WHITE_BALANCE = "auto_white_balance"
     LOCAL_TONE_MAPPING = "local_tone_mapping"

@@ -29,7 +29,7 @@ _LEAST_RATIO = 0.02  # quantile of the blocks' ratios, about the greatest ratio 
 _LEAST_SPREAD = 0.1  # natural logarithm, of the median over that: else the flash part is noise
 _BELOW, _ABOVE, _STEP = 2.5, 0.3, 0.1  # natural logarithms, from there
 _LAST_STEP = 0.002
-_LEAST_HEIGHT, _SURE = 2.0, 1.5  # % of the pairs; times the height at the ratio that was told
+LEAST_HEIGHT, _SURE = 2.0, 1.5  # % of the pairs; times the height at the ratio that was told
 _CLOSE = 0.06  # natural logarithm
 
 
@@ -39,6 +39,24 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     1.0 where that ratio is right, None where little tells: where the lamps' share is alike
     everywhere, their colour that of the flash, or the flash weak. ratios: of a linear pair, not of
     a rendered one.
+    """
+    seen = light_of_pairs(ratios)
+    if seen is None:
+        return None
+    light, most = seen
+    lowest = float(np.log(most)) - _BELOW
+    found, height = _highest(light, float(np.log(most)))
+    if height < max(LEAST_HEIGHT, _SURE * height_of(light, lowest)):
+        return None
+    if abs(found) < _CLOSE:
+        return 1.0
+    return float(np.exp(found)) if height > _SURE * height_of(light, 0.0) else None
+
+
+def light_of_pairs(ratios: Ratios) -> tuple[Floats64, float] | None:
+    """Light (4, n, 3) of pairs of places, as of Seen, and about the greatest ratio that may be.
+
+    None where little tells, as of find_exposure_ratio. The light is relative to bright places.
     """
     no_flash, flash, known = larger_blocks(ratios)
     if not known.any():
@@ -52,14 +70,15 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     if pairs is None:
         return None
     light = np.stack([no_flash.reshape(-1, 3), flash.reshape(-1, 3)]).take(pairs, axis=1)
-    light = light.reshape(4, -1, 3) / np.quantile(flash[known], _BRIGHT)
-    lowest = float(np.log(most)) - _BELOW
-    found, height = _highest(light, float(np.log(most)))
-    if height < max(_LEAST_HEIGHT, _SURE * _height(light, lowest, _WIDTHS[-1])):
-        return None
-    if abs(found) < _CLOSE:
-        return 1.0
-    return float(np.exp(found)) if height > _SURE * _height(light, 0.0, _WIDTHS[-1]) else None
+    return light.reshape(4, -1, 3) / np.quantile(flash[known], _BRIGHT), most
+
+
+def height_of(light: Floats64, log: float) -> float:
+    """Height of the peak, in % of the pairs, by a ratio whose natural logarithm is given.
+
+    light: of light_of_pairs.
+    """
+    return _height(light, log, _WIDTHS[-1])
 
 
 def larger_blocks(ratios: Ratios) -> tuple[Floats64, Floats64, Mask]:

@@ -16,6 +16,7 @@ from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
 from pipeline.pair.find_banding import find_banding
+from pipeline.pair.find_encoding import looks_encoded
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.motion import find_moved
@@ -27,6 +28,7 @@ from pipeline.pair.pair_warnings import (
     blur_warnings,
     copy_warnings,
     darkening_warnings,
+    encoding_warnings,
     flicker_warnings,
     moved_warnings,
     orientation_warnings,
@@ -227,11 +229,15 @@ def _held_against(
         noises = noises[0], noises[1].blurred(float(np.square(blur.kernel).sum()))
         ratios = block_ratios(before, after, unusable, noises)
     by_columns = rows_are_columns(unusable.shape, no_flash.orientation)
-    banding = None if rendered else find_banding(ratios, by_columns)
+    undeclared = no_flash.encoding == "linear" and not no_flash.profiled
+    encoded = undeclared and looks_encoded(ratios, ratio.value)
+    banding = None if rendered or encoded else find_banding(ratios, by_columns)
     if banding is not None:
         after = banding.off(before, after)
         ratios = block_ratios(before, after, unusable, noises)
-    settled, doubts = settled_ratio(ratio, ratios, rendered)
+    settled, doubts = ratio, encoding_warnings()
+    if not encoded:  # such values tell no ratio
+        settled, doubts = settled_ratio(ratio, ratios, rendered)
     if settled.value != ratio.value:
         after = _divided(after, settled.value / ratio.value, after is not flash.pixels)
         noises = noises[0], noises[1].divided(settled.value / ratio.value)

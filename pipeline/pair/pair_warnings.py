@@ -60,6 +60,17 @@ def baseline_warnings(no_flash: Frame, flash: Frame, ratio: ExposureRatio) -> li
     return [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
 
 
+def encoding_warnings() -> list[RunWarning]:
+    """Tell of values that were read as linear and follow a curve."""
+    message = (
+        "The photographs were read as linear values, but look encoded for a screen, as by the "
+        "curve of sRGB: through it the flash's light has one colour on one surface, as they are "
+        "it has not. Their layers would be wrong. Pass the encoding srgb, or send linear values "
+        "or RAW files."
+    )
+    return [RunWarning(Code.ENCODING_DOUBTFUL, message)]
+
+
 def rendering_warnings(
     no_flash: Frame, flash: Frame, ratio: float, rendering: Rendering
 ) -> list[RunWarning]:

@@ -112,6 +112,7 @@ def test_linear_values_that_pile_up_below_white_are_clipped_there(end: float) ->
 
     limit = end_below_white(values, 1.0)
 
+    assert limit is not None
     assert limit == pytest.approx(0.995 * end)
     assert np.count_nonzero(values >= limit) >= 40 * 30
 
