@@ -12,6 +12,7 @@ from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.grid import Grid, make_grid
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from tests.turned import turned
 
 LAMPS = ("A", "FL2", "D100")
 
@@ -52,6 +53,10 @@ class Ball:
             )
             for direction, colour in zip(self.directions, self.colours, strict=True)
         ]
+
+    def turned(self, degrees: float) -> Ball:
+        """The same, its directions given off by so much, each to another side."""
+        return replace(self, directions=turned(self.directions, degrees))
 
     def error(self, normals: Floats64, where: NDArray[np.bool_]) -> float:
         """Mean angle in degrees."""

@@ -9,8 +9,16 @@ import numpy as np
 from pipeline.arrays import Floats64
 from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
-from pipeline.photometric_stereo.scene import Scene, State, lamp_light, predicted
+from pipeline.photometric_stereo.scene import (
+    Scene,
+    State,
+    directions,
+    facing,
+    lamp_light,
+    predicted,
+)
 from pipeline.progress import Tick
+from pipeline.vectors import angles_deg
 
 # Chosen on development objects (docs/trials/normals.md)
 _SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)  # see Objective
@@ -23,6 +31,8 @@ _CONTINUED_STEPS = 2
 _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
 _UNEXPLAINED = 0.01  # share of the pixels from which on shadows are to blame
 _MUCH_UNEXPLAINED = 0.05
+_TURNED_STEPS = 8
+_TURNED_GAIN, _TURNED_DEG = 0.3, 2.0  # least −2 log posterior of a pixel; least turn
 _LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
 _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
@@ -33,7 +43,8 @@ MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
 MOST_TICKS += 2 * (len(_SCALES_AGAIN) + len(_SCALES_ON))
 MOST_TICKS_ON = len(_SCALES_AGAIN) + 2 * len(_SCALES_ON)
 MOST_TICKS_AGAIN = 3 * len(_SCALES_AGAIN) + MOST_TICKS
-"""Most calls of tick by fit with rounds=0, fit, fit_on and fit_again."""
+MOST_TICKS_WHOLE = MOST_TRIAL_TICKS + MOST_TICKS
+"""Most calls of tick by fit with rounds=0, fit, fit_on, fit_again and fit_whole."""
 
 
 def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:
@@ -45,19 +56,23 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
     and then with lamps and materials as found, the surface starts anew, at most so many rounds.
     tick: called before every scale.
     """
-    starts = scene.grid.flat(), scene.grid.inflated()
-    found = min((_follow(scene, _start(scene, h), tick) for h in starts), key=_likeliest)
-    for again in range(rounds):
-        if unexplained(scene, found[0]).mean() < _UNEXPLAINED:
-            break
-        if not again:
-            separated = (_follow_separated(scene, h, tick) for h in starts)
-            found = min([found, *separated], key=_likeliest)
-        better = _better(scene, found, tick)
-        if better is found:
-            break
-        found = better
-    return found
+    found = min((_follow(scene, _start(scene, h), tick) for h in _starts(scene)), key=_likeliest)
+    return _through_shadows(scene, found, tick, rounds)
+
+
+def fit_whole(scene: Scene, tick: Tick = lambda: None) -> tuple[State, float]:
+    """The likeliest surface of a scene of which nothing is cut yet, lamps and materials, and cost.
+
+    Directions that are not as given leave light unexplained, as shadows and jumps do. If all is
+    explained once the lamps may turn, they were to blame. tick: called before every scale.
+    """
+    found = fit(scene, tick, rounds=0)
+    if unexplained(scene, found[0]).mean() >= _UNEXPLAINED:
+        turned = fit(replace(scene, turning=True), tick, rounds=0)
+        explained = unexplained(scene, turned[0]).mean() < _UNEXPLAINED
+        if explained and clearly_turned(scene, found[0], turned[0]):
+            return turned
+    return _through_shadows(scene, found, tick, _ROUNDS)
 
 
 def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
@@ -92,6 +107,25 @@ def fit_on(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
     return min([again, *also], key=_likeliest)[0]
 
 
+def fit_turned(scene: Scene, state: State) -> State:
+    """The state with its lamps turned to where all is likeliest, if they do so clearly."""
+    turning, turned = replace(scene, turning=True), state
+    for _ in range(_TURNED_STEPS):
+        objective = make_objective(turning, turned, _SCALES[-1])
+        turned = _relit(_moved(objective, turned), objective)
+    return turned if clearly_turned(scene, state, turned) else state
+
+
+def clearly_turned(scene: Scene, state: State, turned: State) -> bool:
+    """Whether the other state's directions are clearly likelier and others.
+
+    Directions that are given exactly turn by up to 1.4 degrees, or for hardly any gain.
+    """
+    gain = (cost(scene, state) - cost(scene, turned)) / len(scene.light)
+    off = angles_deg((directions(scene, state) * directions(scene, turned)).sum(axis=1))
+    return bool(gain > _TURNED_GAIN and off.max() > _TURNED_DEG)
+
+
 def continued(scene: Scene, state: State) -> State:
     """The state with its surface h (c,) moved to explain the light, lamps and materials kept."""
     state = _shining(scene, state, _FINE_SCALE)
@@ -114,12 +148,33 @@ def unexplained(scene: Scene, state: State) -> Mask:
 
 def refine(scene: Scene, h: Floats64, found: State) -> State:
     """The surface of a finer scene, lamps and materials as found. h: (c,) where it starts."""
-    lit = scene.grid.w(h) @ scene.directions.T > 0
-    state = with_even_albedo(scene, replace(found, h=h, lit=lit))
+    state = replace(found, h=h)
+    state = with_even_albedo(scene, replace(state, lit=facing(scene, state) > 0))
     for _ in range(_FINE_STEPS):
         objective = make_objective(scene, state, _FINE_SCALE, _FINE_STIFFNESS)
         state = _relit(replace(state, h=_valid(state.h + objective.surface_step(state))), objective)
     return state
+
+
+def _through_shadows(
+    scene: Scene, found: tuple[State, float], tick: Tick, rounds: int
+) -> tuple[State, float]:
+    """The likeliest of what was found and of the surface started anew, lamps as the light says."""
+    for again in range(rounds):
+        if unexplained(scene, found[0]).mean() < _UNEXPLAINED:
+            break
+        if not again:
+            separated = (_follow_separated(scene, h, tick) for h in _starts(scene))
+            found = min([found, *separated], key=_likeliest)
+        better = _better(scene, found, tick)
+        if better is found:
+            break
+        found = better
+    return found
+
+
+def _starts(scene: Scene) -> tuple[Floats64, Floats64]:
+    return scene.grid.flat(), scene.grid.inflated()
 
 
 def _likeliest(found: tuple[State, float]) -> float:
@@ -138,7 +193,7 @@ def _follow(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
 
 def _better(scene: Scene, found: tuple[State, float], tick: Tick) -> tuple[State, float]:
     """The likeliest that lamps and materials found lead to, or what was found."""
-    starts = scene.grid.flat(), scene.grid.inflated(), found[0].h
+    starts = *_starts(scene), found[0].h
     again = [_follow_again(scene, found[0], h, tick) for h in starts]
     return min([found, *again], key=_likeliest)
 
@@ -184,7 +239,8 @@ def _start(scene: Scene, h: Floats64) -> State:
     lamps, modes = len(scene.directions), len(scene.priors[0].modes)
     lit = scene.grid.w(h) @ scene.directions.T > 0
     own = np.zeros((len(scene.materials), lamps, 3))
-    state = State(h, np.zeros((lamps, modes)), own, np.zeros((scene.segment_count, 3)), lit)
+    albedo = np.zeros((scene.segment_count, 3))
+    state = State(h, np.zeros((lamps, modes)), own, albedo, np.zeros((lamps, 2)), lit)
     brightness = np.median(scene.light.sum(axis=1)) / np.median(predicted(scene, state).sum(axis=1))
     return with_even_albedo(scene, replace(state, h=h * brightness))
 
@@ -199,6 +255,7 @@ def _moved(objective: Objective, state: State) -> State:
             state.modes + length * step.modes,
             state.own + length * step.own,
             state.albedo + length * step.albedo,
+            state.turns + length * step.turns,
             state.lit,
         )
         if objective.cost(moved) < before:
@@ -213,8 +270,7 @@ def _valid(h: Floats64) -> Floats64:
 def _relit(state: State, objective: Objective) -> State:
     """Find anew which lamps light which pixels: those it faces and that are not in its shadow."""
     if objective.scale > _SHADOWS_FROM:
-        scene = objective.scene
-        return replace(state, lit=scene.grid.w(state.h) @ scene.directions.T > 0)
+        return replace(state, lit=facing(objective.scene, state) > 0)
     return replace(state, lit=objective.lit(state))
 
 

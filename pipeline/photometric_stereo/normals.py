@@ -20,6 +20,7 @@ from pipeline.run_warnings import Code, RunWarning
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
 _MUCH_UNEXPLAINED = 0.07  # of the pixels; development objects with right depth leave up to 0.058
+_TURNED_DEG = 2.0  # by which the light turns one at least; see fit_turned
 
 _INSIDE_OUT = -0.05  # of turns_away; things have .35 and more, walls 0, a mirrored egg −.17
 
@@ -70,7 +71,7 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     elif not (surface.strengths > 0).all():
         why = "one of them would have to take light away"
     else:
-        return _of_outline(surface)
+        return _of_directions(surface) or _of_outline(surface)
     message = (
         "Lamps in the directions given do not explain the light, so that normals and depth are "
         f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
@@ -79,6 +80,17 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     )
     figures = {"left_over": surface.misfit, "unexplained": surface.unexplained}
     return (RunWarning(Code.NORMALS_DOUBTFUL, message, figures),)
+
+
+def _of_directions(surface: Surface) -> tuple[RunWarning, ...]:
+    if surface.turned_deg < _TURNED_DEG:
+        return ()
+    message = (
+        f"The light fits directions up to {surface.turned_deg:.0f}° beside those given, and those "
+        "that fit were used. Normals and depth may be right so, but check the directions, which "
+        "lamp is which, the focal length, and that the flash sits at the camera."
+    )
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, {"turned_deg": surface.turned_deg}),)
 
 
 def _of_outline(surface: Surface) -> tuple[RunWarning, ...]:

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.equations import Rows
-from pipeline.photometric_stereo.scene import Scene, State, brightness, predicted, responses
+from pipeline.photometric_stereo.scene import (
+    Scene,
+    State,
+    brightness,
+    directions,
+    directions_by_turns,
+    facing,
+    predicted,
+    responses,
+)
 
 _FREEDOM = 9.0  # squared standard deviations beyond which a pixel's light counts less
 _SHADOW = 5.0  # −2 log of how likely a lamp that a pixel faces does not shine there
@@ -48,7 +57,7 @@ class Objective:
         scene = self.scene
         chi2 = (predicted(scene, state) - scene.light) ** 2 * self.precision
         value = _FREEDOM * np.log1p(chi2 / _FREEDOM).sum()
-        value += (state.modes**2).sum() + (state.own**2).sum()
+        value += (state.modes**2).sum() + (state.own**2).sum() + (state.turns**2).sum()
         value += ((state.albedo[:, 1:] / _TINT_SLOPE) ** 2).sum()
         off = (_albedo_residual(scene, state) / self.albedo_sigma) ** 2
         robust = _ALBEDO_FREEDOM * np.log1p(off / _ALBEDO_FREEDOM)
@@ -67,16 +76,16 @@ class Objective:
         Shadows are neither looked for along the ways to the lamps nor hung together.
         """
         scene = self.scene
-        facing = scene.grid.w(state.h) @ scene.directions.T
-        shines, by_lamp = np.maximum(facing, 0.0), responses(scene, state)
-        lit, least = facing > 0, np.full(len(facing), np.inf)
-        for some in product((True, False), repeat=facing.shape[1]):
+        faced = facing(scene, state)
+        shines, by_lamp = np.maximum(faced, 0.0), responses(scene, state)
+        lit, least = faced > 0, np.full(len(faced), np.inf)
+        for some in product((True, False), repeat=faced.shape[1]):
             off = np.einsum("nj,njx->nx", shines * some, by_lamp) - scene.light
             chi2 = (off**2 * self.precision).sum(axis=1)
             cost = _FREEDOM * np.log1p(chi2 / _FREEDOM) + _SHADOW * (len(some) - sum(some))
             lit[cost < least] = some
             least = np.minimum(cost, least)
-        return np.asarray(lit & (facing > 0))
+        return np.asarray(lit & (faced > 0))
 
     @property
     def _bending(self) -> float:
@@ -90,11 +99,15 @@ class Objective:
         equations = scene.surface_and_albedo.equations(
             light, self._bends(state), self._albedo(state, -scene.tints), usual
         )
-        lamps = replace(light, by=_by_lamps(scene, state))
+        by_lamps, off_lamps = _by_lamps(scene, state), state.modes.ravel()
+        if scene.turning:
+            by_lamps = np.concatenate([by_lamps, _by_turns(scene, state)], axis=2)
+            off_lamps = np.concatenate([off_lamps, state.turns.ravel()])
+        lamps = replace(light, by=by_lamps)
         own = replace(light, by=_by_materials(scene, state))
         lamps_own = sums.of_materials(own.weighed @ lamps.by)
         pairs = sums.of_pairs(own.weighed @ own.by).transpose(0, 2, 1, 3)
-        k, m = state.modes.size, state.own.size
+        k, m = off_lamps.size, state.own.size
         corner = np.eye(k + m)
         corner[:k, :k] += (lamps.weighed @ lamps.by).sum(axis=0)
         corner[k:, :k] = lamps_own.reshape(m, k)
@@ -108,15 +121,16 @@ class Objective:
         inner, outer = equations.solution_with(
             border,
             corner,
-            -np.concatenate([uphill[0] + state.modes.ravel(), uphill[1] + state.own.ravel()]),
+            -np.concatenate([uphill[0] + off_lamps, uphill[1] + state.own.ravel()]),
         )
         h, albedo = np.split(inner, [state.h.size])
-        modes, deviations = np.split(outer, [k])
+        modes, turns, deviations = np.split(outer, [state.modes.size, k])
         return State(
             h,
             modes.reshape(state.modes.shape),
             deviations.reshape(state.own.shape),
             albedo.reshape(state.albedo.shape),
+            turns.reshape(state.turns.shape) if scene.turning else np.zeros_like(state.turns),
             state.lit,
         )
 
@@ -131,7 +145,7 @@ class Objective:
         residual = predicted(scene, state) - scene.light
         precision = self.precision / (1 + residual**2 * self.precision / _FREEDOM)
         lit = responses(scene, state) * state.lit[:, :, None]
-        by_w = lit.transpose(0, 2, 1) @ scene.directions
+        by_w = lit.transpose(0, 2, 1) @ directions(scene, state)
         return Rows(by_w @ scene.grid.to_w, precision, residual)
 
     def _bends(self, state: State) -> Rows:
@@ -199,6 +213,19 @@ def _by_lamps(scene: Scene, state: State) -> Floats64:
         "nj,jkxy,ny->nxjk", brightness(scene, state), modes, scene.flash, optimize=True
     )
     return np.asarray(by_modes.reshape(*scene.light.shape, -1))
+
+
+def _by_turns(scene: Scene, state: State) -> Floats64:
+    """Light by the turns of the lamps, (n, 3, 2J)."""
+    by_turns = np.einsum(
+        "njx,nj,jtc,nc->nxjt",
+        responses(scene, state),
+        state.lit,
+        directions_by_turns(scene, state),
+        scene.grid.w(state.h),
+        optimize=True,
+    )
+    return np.asarray(by_turns.reshape(*scene.light.shape, -1))
 
 
 def _by_materials(scene: Scene, state: State) -> Floats64:

@@ -13,10 +13,12 @@ from pipeline.photometric_stereo.fit import MOST_TICKS as _OF_FIT
 from pipeline.photometric_stereo.fit import (
     MOST_TICKS_AGAIN,
     MOST_TICKS_ON,
+    MOST_TICKS_WHOLE,
     cost,
     fit,
     fit_again,
     fit_on,
+    fit_whole,
     unexplained,
 )
 from pipeline.photometric_stereo.growth import MOST_TICKS as _OF_GROWTH
@@ -32,7 +34,7 @@ _ROUNDS = 3  # of fitting all and growing anew
 _LEFT_OUT = 100.0  # −2 log likelihood of a pixel that a surface has no part of
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
-MOST_TICKS = 2 * _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
+MOST_TICKS = MOST_TICKS_WHOLE + _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
 MOST_TICKS += _ROUNDS * (MOST_TICKS_ON + _OF_GROWTH)
 """Most calls of tick by fit_in_parts."""
 
@@ -49,7 +51,7 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
     cuts, where it leaves few pixels unexplained and is likelier on those of the other. tick: as of
     fit.
     """
-    whole, (uncut, _) = scene, fit(scene, tick)
+    whole, uncut = scene, fit_whole(scene, tick)[0]
     state, found, cuts = uncut, [], 0
     least = _LEAST_LEFT * len(whole.light)
     while unexplained(scene, state).mean() > _LEAST_CUT and cuts < _MOST_CUTS:

@@ -14,8 +14,10 @@ from pipeline.photometric_stereo.grid import Grid, carried
 from pipeline.photometric_stereo.materials import Materials, find_segments
 from pipeline.photometric_stereo.responses import ResponsePrior
 from pipeline.photometric_stereo.sums import Sums
+from pipeline.vectors import unit
 
 _RIDGE = 1e-9  # of the trace, so that nothing is singular
+_TURN = np.radians(5.0)  # by which directions that are given may be off
 _DARK = 30.0  # percentile of the flash part below which albedo tells less
 
 
@@ -23,9 +25,10 @@ _DARK = 30.0  # percentile of the flash part below which albedo tells less
 class Scene:
     """The n pixels of a surface under J lamps.
 
-    grid: of the pixels. directions: (J, 3) unit, to the lamps. flash, light: (n, 3), the flash part
-    and the light of the lamps. variance: (n, 3), what noise of both makes of their comparison.
-    priors: of each lamp. materials: of the surface.
+    grid: of the pixels. directions: (J, 3) unit, to the lamps, as given. flash, light: (n, 3), the
+    flash part and the light of the lamps. variance: (n, 3), what noise of both makes of their
+    comparison. priors: of each lamp. materials: of the surface. turning: whether a step turns the
+    lamps' directions, too.
     """
 
     grid: Grid
@@ -35,17 +38,16 @@ class Scene:
     variance: Floats64
     priors: tuple[ResponsePrior, ...]
     materials: Materials
+    turning: bool = False
 
     def without(self, off: NDArray[np.bool_]) -> Scene:
         """The scene without some of its pixels (n,)."""
-        return Scene(
-            self.grid.without(off),
-            self.directions,
-            self.flash[~off],
-            self.light[~off],
-            self.variance[~off],
-            self.priors,
-            self.materials,
+        return replace(
+            self,
+            grid=self.grid.without(off),
+            flash=self.flash[~off],
+            light=self.light[~off],
+            variance=self.variance[~off],
         )
 
     @cached_property
@@ -108,6 +110,11 @@ class Scene:
         size = grid.corner_count + tints.size
         return Pattern(size, grid.corners, grid.bent, own, tints)
 
+    @cached_property
+    def across(self) -> Floats64:
+        """Two unit vectors (J, 2, 3) across each direction and each other."""
+        return np.linalg.svd(self.directions[:, None])[2][:, 1:]
+
     @property
     def _chromaticity(self) -> Floats64:
         return np.asarray(self.flash[:, :2] / self.total[:, None])
@@ -119,19 +126,35 @@ class State:
 
     h: (c,) squared depths at the corners of pixels. modes: (J, k) of each lamp's matrix along its
     prior's modes. own: (m, J, 3) each material's deviations, whitened. albedo: (S, 3) log albedo of
-    each segment at its mean chromaticity, and its slopes. lit: bool (n, J).
+    each segment at its mean chromaticity, and its slopes. turns: (J, 2) of each lamp's direction
+    from the one given, whitened. lit: bool (n, J).
     """
 
     h: Floats64
     modes: Floats64
     own: Floats64
     albedo: Floats64
+    turns: Floats64
     lit: NDArray[np.bool_]
 
 
 def moved_to(scene: Scene, other: Scene, state: State) -> State:
     """A state of another scene as that of this one, but for its albedo and which lamps shine."""
     return replace(state, h=carried(state.h, other.grid, scene.grid))
+
+
+def directions(scene: Scene, state: State) -> Floats64:
+    """Unit directions (J, 3) to the lamps, as far turned from those given as the state says."""
+    return unit(scene.directions + _TURN * np.einsum("jt,jtc->jc", state.turns, scene.across))
+
+
+def directions_by_turns(scene: Scene, state: State) -> Floats64:
+    """Derivatives (J, 2, 3) of the directions by the turns."""
+    towards = directions(scene, state)
+    along = np.einsum("jtc,jc->jt", scene.across, towards)
+    # 1 ÷ the length that `directions` takes off
+    scale = _TURN * np.einsum("jc,jc->j", scene.directions, towards)
+    return np.asarray(scale[:, None, None] * (scene.across - along[..., None] * towards[:, None]))
 
 
 def response_matrices(scene: Scene, state: State) -> tuple[Floats64, Floats64]:
@@ -151,9 +174,14 @@ def responses(scene: Scene, state: State) -> Floats64:
     return np.asarray(light + scene.total[:, None, None] * deviations)
 
 
+def facing(scene: Scene, state: State) -> Floats64:
+    """l·w (n, J) of every lamp, below 0 where a pixel faces away from it."""
+    return np.asarray(scene.grid.w(state.h) @ directions(scene, state).T)
+
+
 def brightness(scene: Scene, state: State) -> Floats64:
     """How bright (n, J) each lamp is: l·w where it lights the pixel, else 0."""
-    return np.asarray((scene.grid.w(state.h) @ scene.directions.T) * state.lit)
+    return np.asarray(facing(scene, state) * state.lit)
 
 
 def predicted(scene: Scene, state: State) -> Floats64:

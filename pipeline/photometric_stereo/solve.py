@@ -18,13 +18,14 @@ from pipeline.light.model import Model
 from pipeline.options import DirectedLight
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.directions import likely_orders, unit_directions
-from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine, unexplained
+from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, fit_turned, refine, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior, floored
 from pipeline.photometric_stereo.scene import (
     Scene,
     State,
+    directions,
     predicted,
     response_matrices,
     responses,
@@ -32,6 +33,7 @@ from pipeline.photometric_stereo.scene import (
 from pipeline.photometric_stereo.sides import sides
 from pipeline.photometric_stereo.view import View, make_view
 from pipeline.progress import Progress
+from pipeline.vectors import angles_deg
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100  # that tell a surface
@@ -50,7 +52,8 @@ class Surface:
     deviations: (h, w, J, 3) of the surface's material from the lamps' matrices, by the flash part's
     sum of channels. correction: (h, w, 3) light that the fit gives ÷ light there is. All of them 0
     outside the mask.
-    directions: (J, 3) unit. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
+    directions: (J, 3) unit. turned_deg: by how much the light turned one of them at most from what
+    was given. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
     misfit: median relative light that the fit does not explain.
     unexplained: share of the pixels whose light it does not explain, or that it leaves out.
     strengths: (J,) green brightness of a white card that faces the lamp, the largest 1.
@@ -66,6 +69,7 @@ class Surface:
     deviations: Floats64
     correction: Floats64
     directions: Floats64
+    turned_deg: float
     matrices: Floats64
     misfit: float
     unexplained: float
@@ -94,7 +98,7 @@ def solve_surface(
     where fewer were without `rgb` for all; UnusablePairError where hardly anything is lit, or all
     that is lies thinly; Canceled.
     """
-    directions = unit_directions(lights)
+    given = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
@@ -112,7 +116,7 @@ def solve_surface(
     materials = views[_COARSE].materials()
 
     def scene(most: int, priors: tuple[ResponsePrior, ...]) -> Scene:
-        return views[most].scene(directions, priors, materials)
+        return views[most].scene(given, priors, materials)
 
     orders = 0 if len(priors) == 1 else len(priors)
     tick = progress.ticks("lamps", 0.5, 1.0, MOST_TICKS + orders * MOST_TRIAL_TICKS)
@@ -120,6 +124,7 @@ def solve_surface(
     if len(priors) > 1:
         likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some), tick, rounds=0)[1])
     coarse, state = fit_in_parts(scene(_COARSE, likeliest), tick)
+    state = fit_turned(coarse, state)
     steps = views[_COARSE].step, views[_FINE].step
     fine, belongs = _in_parts(scene(_FINE, likeliest), views, coarse.grid.mask)
     h = carried(state.h, coarse.grid, fine.grid, steps[1] / steps[0])
@@ -217,7 +222,7 @@ def _surface(
 
     matrices, deviations = response_matrices(scene, state)
     strengths = _strengths(scene, state, model.flash_white)
-    explained = predicted(scene, state)
+    explained, towards = predicted(scene, state), directions(scene, state)
     ratio = explained / np.maximum(scene.light, 1e-9)
     off = np.abs(explained - scene.light).sum(axis=1)
     z = np.sqrt(state.h[scene.grid.corners].mean(axis=1))
@@ -230,7 +235,8 @@ def _surface(
         lit=field(state.lit.astype(np.float64)),
         deviations=field(deviations),
         correction=field(np.clip(ratio, 1 / _MOST_CORRECTION, _MOST_CORRECTION)),
-        directions=scene.directions,
+        directions=towards,
+        turned_deg=float(angles_deg((towards * scene.directions).sum(axis=1)).max()),
         matrices=matrices,
         misfit=float(np.median(off / scene.light.sum(axis=1))),
         unexplained=off_share,

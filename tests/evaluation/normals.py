@@ -33,6 +33,7 @@ from tests.evaluation.objects import CAMERA, OBJECTS, Kind, Object, ObjectShot, 
 from tests.evaluation.spectra import Split, flash_spectrum, sensitivities
 from tests.evaluation.tables import markdown
 from tests.layers import planes_of
+from tests.turned import turned
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("normals_head.md")
@@ -42,13 +43,17 @@ _OUTPUTS = ["normals.exr", "depth.exr", "normals_confidence.tif"]  # the paper's
 
 @dataclass(frozen=True)
 class Condition:
-    """What the photographer has and says. lamps: which of the three are on. said: of each light."""
+    """What the photographer has and says.
+
+    lamps: which of the three are on. said: of each light. off_deg: of the directions.
+    """
 
     kind: Kind = "measured"
     flash: str = "xenon"
     noise: bool = False
     said: tuple[str, ...] = ("direction", "strength", "rgb")
     lamps: tuple[int, ...] = (0, 1, 2)
+    off_deg: float = 0.0
 
 
 CONDITIONS = {
@@ -60,6 +65,7 @@ CONDITIONS = {
     "strengths unknown": Condition(said=("direction", "rgb")),
     "strengths unknown, noise": Condition(said=("direction", "rgb"), noise=True),
     "directions alone": Condition(said=("direction",)),
+    "directions 10° off": Condition(off_deg=10.0),
     "two lamps": Condition(lamps=(0, 1)),
 }
 
@@ -155,6 +161,8 @@ def measure(name: str, thing: Object, split: Split, method: str) -> Figures:
     shot = photograph(
         thing, split, condition.kind, condition.flash, condition.noise, condition.lamps
     )
+    if condition.off_deg:
+        shot = replace(shot, lights=_off(shot.lights, condition.off_deg))
     start = time.process_time()
     refusal = ""
     try:
@@ -179,6 +187,11 @@ def measure(name: str, thing: Object, split: Split, method: str) -> Figures:
         refusal=refusal,
         cpu_s=spent,
     )
+
+
+def _off(lights: list[dict[str, Any]], degrees: float) -> list[dict[str, Any]]:
+    directions = turned(np.array([light["direction"] for light in lights]), degrees).tolist()
+    return [{**light, "direction": one} for light, one in zip(lights, directions, strict=True)]
 
 
 def _by_confidence(

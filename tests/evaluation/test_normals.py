@@ -21,7 +21,9 @@ def test_the_zero_of_the_scale_is_that_of_a_ball() -> None:
     assert found.depth_error is None
 
 
-@pytest.mark.parametrize(("condition", "limit"), [("two lamps", 1.0), ("sensor noise", 3.0)])
+@pytest.mark.parametrize(
+    ("condition", "limit"), [("two lamps", 1.0), ("sensor noise", 3.0), ("directions 10° off", 0.5)]
+)
 def test_the_product_is_measured_from_file_to_file(condition: str, limit: float) -> None:
     found = measure(condition, BALL, "development", "best")
 

@@ -68,6 +68,7 @@ def true_state() -> Callable[..., State]:
             np.zeros((lamps, modes)),
             own,
             np.zeros((scene.segment_count, 3)),
+            np.zeros((lamps, 2)),
             lit,
         )
         return with_even_albedo(scene, state)

@@ -9,9 +9,17 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.photometric_stereo import fit as fit_module
-from pipeline.photometric_stereo.fit import continued, fit, fit_again, fit_on, refine
+from pipeline.photometric_stereo.fit import (
+    continued,
+    fit,
+    fit_again,
+    fit_on,
+    fit_turned,
+    refine,
+)
 from pipeline.photometric_stereo.objective import make_objective
-from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.photometric_stereo.scene import Scene, State, directions
+from pipeline.vectors import angles_deg
 
 
 @pytest.mark.parametrize(("materials", "lamps", "limit"), [(1, 3, 0.3), (4, 3, 0.6), (1, 2, 0.4)])
@@ -77,6 +85,34 @@ def test_a_finer_surface_is_found_from_a_coarse_one(
     assert one.error_of(scene, found, one.lit) < 1
     np.testing.assert_array_equal(found.modes, state.modes)
     np.testing.assert_array_equal(found.own, state.own)
+
+
+def off_deg(one: Any, scene: Scene, state: State) -> Floats64:
+    return angles_deg((one.directions * directions(scene, state)).sum(axis=1))
+
+
+@pytest.mark.parametrize(("materials", "most"), [(1, 0.6), (4, 0.8)])
+def test_directions_some_degrees_off_are_found(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], materials: int, most: float
+) -> None:
+    one = ball(32, materials)
+    scene = scene_of(one.turned(6))
+    state, _ = fit(scene)
+
+    found = fit_turned(scene, state)
+
+    assert off_deg(one, scene, state) == pytest.approx(6)
+    assert off_deg(one, scene, found).max() < 1.5
+    assert one.error_of(scene, found, one.lit) < most
+
+
+def test_directions_that_are_right_stay(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    scene = scene_of(ball(32, 4))
+    state, _ = fit(scene)
+
+    assert fit_turned(scene, state) is state
 
 
 def test_equal_scenes_have_equal_surfaces(

@@ -97,7 +97,9 @@ def test_lamps_alike_whose_colours_are_not_given_make_normals_doubtful(
         for index, (direction, colour) in enumerate(zip(DIRECTIONS, warm_to_cool, strict=True))
     ]
     nowhere = {"mask": np.zeros((4, 4), np.bool_), "w": np.zeros((4, 4, 3))}
-    surface = SimpleNamespace(misfit=0.0, unexplained=0.0, strengths=np.ones(3), **nowhere)
+    surface = SimpleNamespace(
+        misfit=0.0, unexplained=0.0, strengths=np.ones(3), turned_deg=0.0, **nowhere
+    )
     monkeypatch.setattr(normals, "solve_surface", lambda *_: surface)
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
@@ -159,11 +161,27 @@ def test_two_lamps_will_do_for_best_alone(found: Callable[..., Any]) -> None:
         found("paper", 2)
 
 
+@pytest.mark.parametrize(("degrees", "warned"), [(0.0, False), (1.99, False), (9.7, True)])
+def test_directions_that_the_light_turned_are_warned_of(
+    found: Callable[..., Any], degrees: float, warned: bool
+) -> None:
+    surface = found("best")[0].surface
+    right = {"misfit": 0.0, "unexplained": 0.0, "strengths": np.ones(3)}
+
+    warnings = normals._warnings(replace(surface, **right, turned_deg=degrees))
+
+    assert [(one.code, one.figures) for one in warnings] == [
+        (Code.NORMALS_DOUBTFUL, {"turned_deg": degrees})
+    ] * warned
+    assert all("directions up to 10° beside those given" in one.message for one in warnings)
+
+
 @pytest.mark.parametrize(("turned", "warned"), [(0.0, False), (-0.04, False), (-0.06, True)])
 def test_a_surface_inside_out_is_warned_of(
     found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, turned: float, warned: bool
 ) -> None:
-    surface = replace(found("best")[0].surface, misfit=0.0, unexplained=0.0, strengths=np.ones(3))
+    right = {"misfit": 0.0, "unexplained": 0.0, "strengths": np.ones(3), "turned_deg": 0.0}
+    surface = replace(found("best")[0].surface, **right)
     given = {(id(surface.mask), id(surface.w)): turned}
     monkeypatch.setattr(normals, "turns_away", lambda mask, w: given[id(mask), id(w)])
 

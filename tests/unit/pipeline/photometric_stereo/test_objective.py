@@ -9,7 +9,9 @@ import pytest
 
 from pipeline.arrays import Floats64
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
-from pipeline.photometric_stereo.scene import Scene, State, predicted
+from pipeline.photometric_stereo.scene import Scene, State, facing, predicted
+
+_UNKNOWNS = ("h", "modes", "own", "albedo", "turns")
 
 
 @pytest.fixture
@@ -21,12 +23,13 @@ def posed(
     scene = scene_of(one)
     state = true_state(one, scene)
     random = np.random.default_rng(2)
-    return scene, replace(
+    return replace(scene, turning=True), replace(
         state,
         h=state.h * (1 + 1e-3 * random.standard_normal(len(state.h))),
         modes=0.2 * random.standard_normal(state.modes.shape),
         own=0.2 * random.standard_normal(state.own.shape),
         albedo=state.albedo + 0.01 * random.standard_normal(state.albedo.shape),
+        turns=0.2 * random.standard_normal(state.turns.shape),
     )
 
 
@@ -36,6 +39,7 @@ def added(state: State, change: State, length: float) -> State:
         state.modes + length * change.modes,
         state.own + length * change.own,
         state.albedo + length * change.albedo,
+        state.turns + length * change.turns,
         state.lit,
     )
 
@@ -68,7 +72,7 @@ def test_steps_end_where_no_unknown_gains(posed: tuple[Scene, State]) -> None:
         state = added(state, objective.step(state), 0.5)
     lowest = objective.cost(state)
 
-    for part in ("h", "modes", "own", "albedo"):
+    for part in _UNKNOWNS:
         random = np.random.default_rng(4)
         values = getattr(state, part)
         for _ in range(12):
@@ -90,7 +94,7 @@ def test_a_step_solves_the_normal_equations(posed: tuple[Scene, State]) -> None:
     normal = derivatives.T @ (weights[:, None] * derivatives)
     downhill = -derivatives.T @ (weights * residuals)
     exact = unpacked(state, np.asarray(np.linalg.solve(normal, downhill)))
-    for part in ("h", "modes", "own", "albedo"):
+    for part in _UNKNOWNS:
         size = np.abs(getattr(exact, part)).max()
         assert getattr(step, part) == pytest.approx(getattr(exact, part), abs=1e-3 * size), part
     own = slice(0, len(state.h))
@@ -100,12 +104,12 @@ def test_a_step_solves_the_normal_equations(posed: tuple[Scene, State]) -> None:
 
 def unpacked(state: State, values: Floats64) -> State:
     """A change of all unknowns of a state, from one row of them."""
-    parts = [getattr(state, name) for name in ("h", "modes", "own", "albedo")]
+    parts = [getattr(state, name) for name in _UNKNOWNS]
     pieces = np.split(values, np.cumsum([part.size for part in parts])[:-1])
-    h, modes, own, albedo = (
+    h, modes, own, albedo, turns = (
         piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)
     )
-    return State(h, modes, own, albedo, state.lit)
+    return State(h, modes, own, albedo, turns, state.lit)
 
 
 def linearised(objective: Objective, state: State) -> tuple[Floats64, Floats64, Floats64]:
@@ -123,6 +127,7 @@ def linearised(objective: Objective, state: State) -> tuple[Floats64, Floats64, 
                 at.modes.ravel(),
                 at.own.ravel(),
                 at.albedo[:, 1:].ravel() / 5,
+                at.turns.ravel(),
             ]
         )
 
@@ -141,12 +146,21 @@ def linearised(objective: Objective, state: State) -> tuple[Floats64, Floats64, 
         ]
     )
     columns = []
-    size = sum(getattr(state, name).size for name in ("h", "modes", "own", "albedo"))
+    size = sum(getattr(state, name).size for name in _UNKNOWNS)
     for i in range(size):
         change = unpacked(state, 1e-5 * np.eye(1, size, i)[0])
         ahead, behind = (residuals(added(state, change, length)) for length in (1.0, -1.0))
         columns.append((ahead - behind) / 2e-5)
     return here, weights, np.stack(columns, axis=1)
+
+
+def test_lamps_that_may_not_turn_stay(posed: tuple[Scene, State]) -> None:
+    scene, state = posed
+
+    step = make_objective(replace(scene, turning=False), state, 0.05).step(state)
+
+    assert not step.turns.any()
+    assert step.modes.any()
 
 
 def test_light_that_is_off_costs_less_than_its_square(posed: tuple[Scene, State]) -> None:
@@ -168,8 +182,13 @@ def test_usual_lamps_materials_and_tints_cost_their_square(even: tuple[Scene, St
     scene, state = even
     objective = make_objective(scene, state, 0.05)
     objective = replace(objective, precision=0 * objective.precision, albedo_sigma=1e6)
-    none = replace(state, modes=0 * state.modes, own=0 * state.own)
-    for part, size, cost in (("modes", 3.0, 9.0), ("own", 3.0, 9.0), ("albedo", 5.0, 1.0)):
+    none = replace(state, modes=0 * state.modes, own=0 * state.own, turns=0 * state.turns)
+    for part, size, cost in (
+        ("modes", 3.0, 9.0),
+        ("own", 3.0, 9.0),
+        ("turns", 3.0, 9.0),
+        ("albedo", 5.0, 1.0),
+    ):
         values = getattr(none, part).copy()
         values[0, 1] = size * np.eye(len(values[0, 1]))[0] if part == "own" else size
         more = objective.cost(replace(none, **{part: values})) - objective.cost(none)
@@ -300,17 +319,17 @@ def test_a_surface_of_crumbs_has_no_segments_and_is_solved(
 def test_light_tells_which_lamps_light_a_pixel_that_faces_them(posed: tuple[Scene, State]) -> None:
     """Light of a state in which every third pixel is in the shadow of one of two lamps."""
     scene, state = posed
-    facing = scene.grid.w(state.h) @ scene.directions.T > 0
-    bright = (scene.grid.w(state.h) @ scene.directions.T > 0.5).all(axis=1)
-    lit = facing.copy()
+    faced = facing(scene, state)
+    bright = (faced > 0.5).all(axis=1)
+    lit = faced > 0
     lit[::3, 0] = lit[1::3, 2] = False
     scene = replace(scene, light=predicted(scene, replace(state, lit=lit)))
 
-    found = make_objective(scene, replace(state, lit=facing), 0.01).lit(state)
+    found = make_objective(scene, replace(state, lit=faced > 0), 0.01).lit(state)
 
     assert bright.sum() > 100
     np.testing.assert_array_equal(found[bright], lit[bright])
-    assert not found[~facing].any()
+    assert not found[faced <= 0].any()
 
 
 def test_a_lamp_that_makes_no_difference_is_not_in_shadow(posed: tuple[Scene, State]) -> None:
@@ -320,4 +339,4 @@ def test_a_lamp_that_makes_no_difference_is_not_in_shadow(posed: tuple[Scene, St
 
     found = make_objective(scene, state, 0.01).lit(state)
 
-    np.testing.assert_array_equal(found, scene.grid.w(state.h) @ scene.directions.T > 0)
+    np.testing.assert_array_equal(found, facing(scene, state) > 0)

@@ -10,9 +10,10 @@ from scipy import ndimage
 
 from pipeline.images.frames import Mask
 from pipeline.photometric_stereo import parts as parts_module
-from pipeline.photometric_stereo.fit import fit
+from pipeline.photometric_stereo.fit import fit, unexplained
 from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
-from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.photometric_stereo.scene import Scene, State, directions
+from pipeline.vectors import angles_deg
 from tests.ball import before_a_wall
 
 
@@ -25,6 +26,21 @@ def test_a_continuous_surface_stays_in_one_piece(
 
     assert left is scene
     np.testing.assert_array_equal(state.h, fit(scene)[0].h)
+
+
+def test_directions_far_off_are_found_before_anything_is_cut(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """By 25 degrees, which leave light unexplained as jumps do."""
+    one = ball(32, 4)
+    scene = scene_of(one.turned(25))
+
+    left, state = fit_in_parts(scene)
+
+    assert unexplained(scene, fit(scene, rounds=0)[0]).mean() > 0.05
+    assert left is scene
+    assert angles_deg((one.directions * directions(scene, state)).sum(axis=1)).max() < 2
+    assert one.error_of(scene, state, one.lit) < 1
 
 
 def test_light_that_no_lamp_gives_is_cut_out(
@@ -127,7 +143,8 @@ def cut(
                 return uncut_cost
             return grown_cost if at is scene else 0.0
 
-        monkeypatch.setattr(parts_module, "fit", lambda *_: (state, 0.0))
+        for name in ("fit", "fit_whole"):
+            monkeypatch.setattr(parts_module, name, lambda *_: (state, 0.0))
         monkeypatch.setattr(parts_module, "_apart", lambda whole: whole)
         monkeypatch.setattr(parts_module, "fit_again", fit_again)
         monkeypatch.setattr(parts_module, "fit_on", lambda _, found, __: found)
@@ -249,7 +266,8 @@ def test_the_likeliest_of_three_rounds_is_taken(
     def fit_again(less: Scene, found: State, _: object) -> State:
         return replace(found, modes=found.modes * 0, lit=np.ones((len(less.light), 3), bool))
 
-    monkeypatch.setattr(parts_module, "fit", lambda *_: (state, 0.0))
+    for name in ("fit", "fit_whole"):
+        monkeypatch.setattr(parts_module, name, lambda *_: (state, 0.0))
     monkeypatch.setattr(parts_module, "fit_again", fit_again)
     monkeypatch.setattr(
         parts_module, "fit_on", lambda _, found, __: replace(found, modes=found.modes + 1)

@@ -10,11 +10,13 @@ import pytest
 from pipeline.photometric_stereo.scene import (
     Scene,
     State,
+    directions,
     lamp_light,
     predicted,
     response_matrices,
     responses,
 )
+from pipeline.vectors import angles_deg
 
 
 @pytest.fixture
@@ -49,6 +51,21 @@ def test_a_lamp_that_is_off_gives_no_light(
 
     np.testing.assert_allclose(np.sum(alone, axis=0), predicted(scene, state), rtol=1e-12)
     assert (alone[0][~state.lit[:, 0]] == 0).all()
+
+
+def test_a_turn_of_one_is_five_degrees(
+    painted: tuple[Any, Scene], true_state: Callable[..., Any]
+) -> None:
+    one, scene = painted
+    state = true_state(one, scene)
+    turns = np.array([[0.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+
+    found = directions(scene, replace(state, turns=turns))
+
+    np.testing.assert_allclose(directions(scene, state), one.directions)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
+    off = angles_deg((found * one.directions).sum(axis=1))
+    assert off == pytest.approx([0, 4.99, 4.99], abs=0.01)
 
 
 def test_deviations_belong_to_their_material_and_their_lamp(

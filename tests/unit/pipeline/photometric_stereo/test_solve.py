@@ -83,6 +83,19 @@ def test_normals_depth_and_strengths_are_found(
     assert surface.misfit < 0.005
 
 
+def test_directions_that_are_off_are_told(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(48, 3)
+
+    right, off = (solved(one, some.lights("strength", "rgb")) for some in (one, one.turned(8)))
+
+    assert right.turned_deg == pytest.approx(0, abs=1e-4)
+    assert off.turned_deg == pytest.approx(8, abs=1)
+    np.testing.assert_allclose(off.directions, one.directions, atol=0.03)
+    assert error(one, off) < 0.7
+
+
 def test_strengths_beside_the_flash_are_found(
     ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
