@@ -32,7 +32,7 @@ _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
 _UNEXPLAINED = 0.01  # share of the pixels from which on shadows are to blame
 _MUCH_UNEXPLAINED = 0.05
 _TURNED_STEPS = 8
-_TURNED_GAIN, _TURNED_DEG = 0.3, 2.0  # least −2 log posterior of a pixel; least turn
+_TURNED_GAIN, _TURNED_DEG = 0.3, 3.0  # least −2 log posterior of a pixel; least turn
 _LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
 _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
@@ -119,7 +119,7 @@ def fit_turned(scene: Scene, state: State) -> State:
 def clearly_turned(scene: Scene, state: State, turned: State) -> bool:
     """Whether the other state's directions are clearly likelier and others.
 
-    Directions that are given exactly turn by up to 1.4 degrees, or for hardly any gain.
+    Directions that are given exactly turn by up to 1.8 degrees, or for hardly any gain.
     """
     gain = (cost(scene, state) - cost(scene, turned)) / len(scene.light)
     off = angles_deg((directions(scene, state) * directions(scene, turned)).sum(axis=1))

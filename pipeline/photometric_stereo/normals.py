@@ -20,7 +20,7 @@ from pipeline.run_warnings import Code, RunWarning
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
 _MUCH_UNEXPLAINED = 0.07  # of the pixels; development objects with right depth leave up to 0.058
-_TURNED_DEG = 2.0  # by which the light turns one at least; see fit_turned
+_TURNED_DEG = 1.0  # more than rounding; the light turns directions by more, or not at all
 
 _INSIDE_OUT = -0.05  # of turns_away; things have .35 and more, walls 0, a mirrored egg −.17
 

@@ -161,7 +161,7 @@ def test_two_lamps_will_do_for_best_alone(found: Callable[..., Any]) -> None:
         found("paper", 2)
 
 
-@pytest.mark.parametrize(("degrees", "warned"), [(0.0, False), (1.99, False), (9.7, True)])
+@pytest.mark.parametrize(("degrees", "warned"), [(0.0, False), (0.99, False), (9.7, True)])
 def test_directions_that_the_light_turned_are_warned_of(
     found: Callable[..., Any], degrees: float, warned: bool
 ) -> None:
