@@ -73,6 +73,7 @@ def _call_others() -> None:
         misfit=0.0,
         unexplained=0.0,
         strengths=np.ones(3),
+        turned_deg=0.0,
         focal_px=1.0,
     )
     strip = Strip(rows, image[None], image, image, image[..., 0])

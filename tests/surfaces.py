@@ -28,6 +28,7 @@ def wall(known: NDArray[np.bool_], depth: float, lamps: int) -> Facing:
         misfit=0.0,
         unexplained=0.0,
         strengths=np.ones(lamps),
+        turned_deg=0.0,
         focal_px=100.0,
     )
     return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
