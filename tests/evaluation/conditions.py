@@ -34,6 +34,7 @@ class Condition:
     mapping: power of its surroundings by which the camera divides the light of a JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     shake_px: of the hand during the one without the flash.
+    walk: of a person between the photographs, in widths of the picture; 0 where there is none.
     lamp_change: by how much brighter the first lamp is in the flash photograph, of itself.
     bands: height of the bands, in the flash photograph, of lamps that flicker, of their light.
     camera, flash: names to be told, None for the right ones, by its table where the product does
@@ -51,6 +52,7 @@ class Condition:
     exposure: float = 1.0
     motion_px: float = 0.0
     shake_px: float = 0.0
+    walk: float = 0.0
     lamp_change: float = 0.0
     bands: float = 0.0
     camera: str | None = None
@@ -63,7 +65,9 @@ class Condition:
 
 def make_shot(scene: Scene, condition: Condition) -> Shot:
     """Photograph a scene. Only the first time it is rendered."""
-    rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
+    rendered = render_scene(
+        scene, condition.size, condition.motion_px, condition.flash_strength, condition.walk
+    )
     if condition.shake_px:
         rendered = shaken(rendered, condition.shake_px)
     if condition.lamp_change:

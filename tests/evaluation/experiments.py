@@ -77,6 +77,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
     "two-jpeg-mapped": Experiment("two", FEW, Condition(files="jpeg", mapping=0.3)),
+    "two-walk": Experiment("two", FEW, Condition(files="noisy", walk=0.05)),
+    "three-walk": Experiment("three", FEW, Condition(files="noisy", walk=0.05)),
     "two-changed": Experiment("two", FEW, Condition(files="noisy", lamp_change=0.1)),
     **{
         f"{group}-jpeg-{contrast}": Experiment(

@@ -25,6 +25,8 @@ _ROUND: tuple[Kind, ...] = ("sphere", "ellipsoid")
 _FLASH_BESIDE_LENS = 0.06
 _PANEL, _PANEL_COLOURS = 2.4, 12
 _TRIES = 1000
+_PERSON_AWAY = 3.0  # metres before the camera, from which a person's place is told
+_PERSON_COLOUR = 15
 
 
 def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
@@ -295,3 +297,15 @@ def moved(geometry: Geometry, widths: float, seed: int) -> Geometry:
     flash = geometry.lamps[-1]
     carried = replace(flash, centre=_vector(np.array(flash.centre) + wander))
     return replace(geometry, view=seen, lamps=(*geometry.lamps[:-1], carried))
+
+
+def with_somebody(geometry: Geometry, place: float) -> Geometry:
+    """Add a person of an ellipsoid's shape, 1.5 m tall, behind the nearest things.
+
+    place: of its middle, in widths of the picture to the right of the picture's own.
+    """
+    view = geometry.view
+    across = 2 * np.tan(np.radians(view.fov_deg / 2)) * _PERSON_AWAY
+    look = Pattern("plain", (_PERSON_COLOUR,))
+    person = Shape("ellipsoid", (float(place * across), 0.75, 1.0), (0.22, 0.75, 0.15), look)
+    return replace(geometry, shapes=(*geometry.shapes, person))

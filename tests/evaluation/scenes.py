@@ -18,7 +18,7 @@ from pipeline.images.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation import cache
 from tests.evaluation.geometry import Geometry
-from tests.evaluation.layouts import LIGHT, PALETTE, Layout, make_geometry, moved
+from tests.evaluation.layouts import LIGHT, PALETTE, Layout, make_geometry, moved, with_somebody
 from tests.evaluation.spectra import (
     Lamps,
     Split,
@@ -60,6 +60,7 @@ _TRIES = 100_000
 _WIDEST_BARE_DEG = 40.0  # few measured lamps are further apart
 _SHADES = 8
 _ROOMS = 6  # that other cameras take
+_PERSON = -0.2  # where somebody who walks stands first, in widths from the picture's middle
 
 
 @dataclass(frozen=True)
@@ -119,18 +120,20 @@ def render_scene(
     size: tuple[int, int] = SIZE,
     motion_px: float = 0.0,
     flash_strength: float = 1.0,
+    walk: float = 0.0,
 ) -> RenderedScene:
     """Photograph a scene; renderings are cached.
 
     size: (width, height). motion_px: how far the hand turns between the photographs, in pixels at
     the middle of the picture; it rolls and wanders in proportion. flash_strength: of all lamps
-    together, in the mean of green.
+    together, in the mean of green. walk: how far a person who stands there walks on between the
+    photographs, in widths of the picture; there is none where it is 0.
 
     The exposure is such that the 99.9th percentile of the brightest channel of both together is
     0.9.
     """
     spectra = sensitivities(scene.camera), flash_spectrum(scene.flash)
-    return render_seen(scene, *spectra, size, motion_px, flash_strength)
+    return render_seen(scene, *spectra, size, motion_px, flash_strength, walk)
 
 
 def render_seen(
@@ -140,11 +143,15 @@ def render_seen(
     size: tuple[int, int] = SIZE,
     motion_px: float = 0.0,
     flash_strength: float = 1.0,
+    walk: float = 0.0,
 ) -> RenderedScene:
     """Photograph a scene with another camera, of sensitivities (3, W), and flash (W,)."""
     spectra = [*scene.lamp_spectra, flash]
     responses = [spectrum[:, None] * s.T for spectrum in spectra]
-    pictures = _pictures(scene, scene.geometry, responses, size)
+    first = later = scene.geometry
+    if walk:
+        first, later = (with_somebody(later, place) for place in (_PERSON, _PERSON + walk))
+    pictures = _pictures(scene, first, responses, size)
     strengths = np.array([*scene.strengths, flash_strength * sum(scene.strengths)])
     means = np.array([picture[..., 1].mean() for picture in pictures])
     if not (means > 0).all():
@@ -156,8 +163,9 @@ def render_seen(
     frame = lit.sum(axis=0)
     if motion_px:
         seed = int.from_bytes(hashlib.sha256(scene.name.encode()).digest()[:4])
-        elsewhere = moved(scene.geometry, motion_px / size[0], seed)
-        pictures = _pictures(scene, elsewhere, responses, size)
+        later = moved(later, motion_px / size[0], seed)
+    if later is not first:
+        pictures = _pictures(scene, later, responses, size)
         frame = sum(s * p for s, p in zip(scales, pictures, strict=True)).astype(np.float32)
     return RenderedScene(scene, lit[:-1], lit[-1], frame)
 
