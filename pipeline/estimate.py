@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published
@@ -13,7 +13,9 @@ from pipeline.lamps.shining import shining_warning, without_shining
 from pipeline.light.model import Model
 from pipeline.options import LampCount, Options
 from pipeline.output_names import outputs_with
+from pipeline.pair.moved_shadows import find_moved_shadows, moved_shadows_warning
 from pipeline.pair.pair import Pair
+from pipeline.pair.pair_warnings import NOTABLE_MOTION
 from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.photometric_stereo.focal import focal_length_px
@@ -58,15 +60,23 @@ def make_estimate(
     (find_known, estimate_lamps, find_facing), Canceled.
     """
     known = find_known(options, reduced, model)
+    something_moved = pair.moved > NOTABLE_MOTION
+    moved = find_moved_shadows(reduced, something_moved) if options.method == "best" else None
 
     def find(some: ReducedPair, number: LampCount = options.number_of_lamps) -> Lamps:
+        if moved is not None:
+            some = replace(some, usable=some.usable & ~moved.places)
         return estimate_lamps(some, model, number, options.method, known)
 
     lamps, shining, warnings = find(reduced), None, []
     if options.method == "best" and (rest := without_shining(reduced, lamps, find)) is not None:
         reduced, lamps, shining = rest.reduced, rest.lamps, rest.shining
         warnings.append(shining_warning(float(shining.mean())))
-    if options.method == "best" and (steady := without_change(reduced, lamps, find)) is not None:
+    if moved is not None and not something_moved:
+        warnings.append(moved_shadows_warning(moved.share))
+    # lamps whose shadows moved seem to have changed
+    still = options.method == "best" and moved is None and not something_moved
+    if still and (steady := without_change(reduced, lamps, find)) is not None:
         reduced, lamps, told = steady
         warnings.append(told)
     warnings += doubts(pair, reduced, lamps, options.method, wanted)

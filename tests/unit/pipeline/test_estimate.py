@@ -14,6 +14,7 @@ from pipeline.estimate import Estimate, make_estimate
 from pipeline.images.frames import Frame
 from pipeline.light.model import Model, build_model
 from pipeline.options import DirectedLight, Options
+from pipeline.pair.moved_shadows import MovedShadows
 from pipeline.pair.reduced import reduce_pair
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
@@ -146,3 +147,55 @@ def test_a_lamp_that_was_brighter_with_the_flash_is_told_and_taken_off(
     np.testing.assert_allclose(found.reduced.flash, usual.reduced.flash, rtol=0.05, atol=1e-4)
     assert usual.lamps.changes is None
     assert "light_changed" not in [warning.code for warning in usual.warnings]
+
+
+@pytest.mark.parametrize("something_moved", [False, True])
+def test_lamps_are_not_told_by_moved_shadows(
+    shadowed: Callable[[Floats64], Any],
+    frame: Callable[..., Frame],
+    model: Model,
+    warm_to_cool: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    something_moved: bool,
+) -> None:
+    still, bulb = shadowed(warm_to_cool[[0, 2]]), shadowed(warm_to_cool[:1])
+    there = np.zeros(still.unusable.shape, bool)
+    there[:, 60:] = True
+    flash = np.where(there[..., None], still.flash + np.float32(0.5) * bulb.no_flash, still.flash)
+    pair = replace(still, flash=flash, moved=0.01 if something_moved else 0.001)
+    asked: list[bool] = []
+
+    def found(_: Any, moved: bool) -> MovedShadows | None:
+        asked.append(moved)
+        return MovedShadows(there, 0.3)
+
+    def lamps_and_codes(pair: Any) -> tuple[Floats64, list[str]]:
+        estimate = make_estimate(
+            pair,
+            reduce_pair(pair),
+            model,
+            frame(np.zeros((64, 96, 3))),
+            Options(lights=2),
+            frozenset(),
+            Progress(),
+        )
+        assert estimate.lamps.changes is None
+        return estimate.lamps.coefficients, [warning.code for warning in estimate.warnings]
+
+    usual, _ = lamps_and_codes(still)
+    monkeypatch.setattr(estimate_module, "find_moved_shadows", found)
+    coefficients, codes = lamps_and_codes(pair)
+
+    assert asked == [something_moved]
+    cosines = (coefficients * usual).sum(axis=1)
+    assert np.degrees(np.arccos(np.minimum(cosines, 1))).max() < 2.0
+    assert ("moved" in codes) != something_moved  # of a thing that moved the pair tells
+    assert "light_changed" not in codes
+
+
+def test_the_published_method_takes_shadows_as_they_are(
+    estimated: Callable[..., Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(estimate_module, "find_moved_shadows")
+
+    assert len(estimated(method="paper").lamps) == 2
