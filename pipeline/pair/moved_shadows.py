@@ -49,11 +49,12 @@ class MovedShadows:
 def find_moved_shadows(reduced: ReducedPair, something_moved: bool) -> MovedShadows | None:
     """Find what lies at or between steps of colour that only the flash part has.
 
-    something_moved: whether the photographs show other things; else there must be much of it, and
-    nothing is told of photographs that a camera rendered, whose curve bends colours. None where no
-    shadow moved, or where too little else would be left to tell lamps by.
+    something_moved: whether the photographs show other things; else there must be much of it. None
+    where no shadow moved, or where too little else would be left to tell lamps by; and for
+    photographs that a camera rendered, whose curve makes steps of its own, or a flash part that was
+    given alone.
     """
-    if not something_moved and (reduced.rendered or reduced.flash_only):
+    if reduced.rendered or reduced.flash_only:
         return None
     usable = reduced.usable
     side = -(-max(usable.shape) // _LONG_SIDE)
