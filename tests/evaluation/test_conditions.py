@@ -3,8 +3,10 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.decode import decode
+from pipeline.images.frames import Image
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.scenes import render_scene, scenes
+from tests.evaluation.shots import Shot
 
 
 def test_a_lamp_that_changes_is_brighter_in_the_flash_photograph_alone() -> None:
@@ -19,3 +21,24 @@ def test_a_lamp_that_changes_is_brighter_in_the_flash_photograph_alone() -> None
         after - rendered.flash_frame, 0.2 * rendered.lamps[0], rtol=1e-3, atol=1e-6
     )
     np.testing.assert_array_equal(shot.truth, rendered.lamps)
+
+
+def test_a_person_walks_on_between_the_photographs() -> None:
+    scene = scenes("two", "development")[0]
+    size = 64, 48
+    alone, walked, far = (
+        make_shot(scene, Condition(size=size, walk=walk)) for walk in (0.0, 0.05, 0.4)
+    )
+
+    def photographs(shot: Shot) -> list[Image]:
+        return [decode(file, "linear").pixels[:] for file in shot.files]
+
+    before, after = photographs(walked)
+    np.testing.assert_array_equal(before, walked.truth.sum(axis=0))
+    np.testing.assert_array_equal(before, photographs(far)[0])  # who stands there first, is there
+    assert np.abs(before - photographs(alone)[0]).max() > 0.05
+    still = before + walked.flash_part
+    moved = np.abs(after - still).max(axis=2) > 0.02
+    assert 0.02 < moved.mean() < 0.5
+    assert not moved[:, -8:].any()
+    assert np.abs(photographs(far)[1] - still).max(axis=2)[:, 36:52].max() > 0.05
