@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.arrays import Floats32
+from pipeline.arrays import Floats, Floats32
 from pipeline.images.frames import Image, Mask, Plane
 from pipeline.pair.find_exposure_ratio import sums_of_blocks
 from pipeline.pair.reduced import ReducedPair
@@ -58,17 +58,17 @@ def find_moved_shadows(reduced: ReducedPair, something_moved: bool) -> MovedShad
         return None
     usable = reduced.usable
     side = -(-max(usable.shape) // _LONG_SIDE)
-    open_blocks = usable[..., None].astype(np.float32)
+    open_blocks = usable[..., None].astype(np.float64)
     count = sums_of_blocks(open_blocks, side)
     known = count[..., 0] > side**2 / 2
     if not known.any():
         return None
     count = np.maximum(count, 1.0)
     no_flash, flash, variance = (
-        (sums_of_blocks(image * open_blocks, side) / count).astype(np.float32)
+        sums_of_blocks(image * open_blocks, side) / count
         for image in (reduced.no_flash, reduced.flash, reduced.flash_variance)
     )
-    steps = _unlike_steps(no_flash, flash, variance / count.astype(np.float32), known)
+    steps = _unlike_steps(no_flash, flash, variance / count, known)
     colour = np.stack([_integrated(steps[:, :, band]) for band in range(steps.shape[2])], axis=-1)
     apart = np.linalg.norm(colour - np.median(colour[known], axis=0), axis=-1)
     share = float(np.mean(apart[known] > _FAR_APART))
@@ -95,7 +95,7 @@ def moved_shadows_warning(share: float) -> RunWarning:
     return RunWarning(Code.MOVED, message, {"share": share})
 
 
-def _unlike_steps(no_flash: Image, flash: Image, variance: Image, known: Mask) -> Floats32:
+def _unlike_steps(no_flash: Floats, flash: Floats, variance: Floats, known: Mask) -> Floats32:
     """Steps (h, w, 2, 2) of the flash part's two colours in x and y, 0 where the other has them.
 
     variance: of the flash part, of independent blocks.
@@ -114,12 +114,12 @@ def _unlike_steps(no_flash: Image, flash: Image, variance: Image, known: Mask) -
     return np.where(large[labels][..., None, None], own, np.float32(0.0))
 
 
-def _blurred(image: Image, known: Mask) -> Image:
+def _blurred(image: Floats, known: Mask) -> Image:
     """Means (h, w, 3) over what is known around each block, > 0."""
     weights = known.astype(np.float32)
     blurred = cv2.GaussianBlur(image * weights[..., None], (0, 0), _BLUR)
-    blurred /= np.maximum(cv2.GaussianBlur(weights, (0, 0), _BLUR), 1e-3)[..., None]
-    return np.maximum(blurred, np.float32(1e-5))
+    blurred = blurred / np.maximum(cv2.GaussianBlur(weights, (0, 0), _BLUR), 1e-3)[..., None]
+    return np.maximum(blurred, 1e-5).astype(np.float32)
 
 
 def _steps(image: Image) -> Floats32:

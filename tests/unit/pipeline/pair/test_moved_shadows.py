@@ -37,8 +37,8 @@ def light(
         lit[shadow] = 1.0 - depth
     if soft:
         lit = np.asarray(cv2.GaussianBlur(lit, (0, 0), soft), np.float32)
-    lamps = lit[..., None] * np.float32(_LAMPS[0]) + np.float32(_LAMPS[1])
-    return surface * np.asarray(lamps, np.float32)
+    first, second = np.array(_LAMPS, np.float32)
+    return np.asarray(surface * (lit[..., None] * first + second), np.float32)
 
 
 def pair(
@@ -61,7 +61,7 @@ def pair(
         for image in (no_flash, part)
     )
     variance = np.full_like(part, max(noise, 1e-4) ** 2)
-    usable = (part > 0.01).all(axis=2) & (no_flash > 0.01).all(axis=2)
+    usable = np.asarray(np.minimum(part, no_flash).min(axis=2) > 0.01)
     return ReducedPair(
         no_flash, part, variance, variance, usable, 1, rendered, flash_only=flash_only
     )
@@ -170,12 +170,12 @@ def test_nothing_usable_has_nothing_found() -> None:
     assert find_moved_shadows(scene, True) is None
 
 
-@pytest.mark.parametrize("kind", ["rendered", "flash_only"])
+@pytest.mark.parametrize(("rendered", "flash_only"), [(True, False), (False, True)])
 @pytest.mark.parametrize("something_moved", [False, True])
 def test_renderings_and_flash_parts_given_alone_are_not_looked_at(
-    kind: str, something_moved: bool
+    rendered: bool, flash_only: bool, something_moved: bool
 ) -> None:
-    scene = pair(_FIRST, None, **{kind: True})
+    scene = pair(_FIRST, None, rendered=rendered, flash_only=flash_only)
 
     assert find_moved_shadows(scene, something_moved) is None
 
