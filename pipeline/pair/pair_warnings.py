@@ -170,7 +170,7 @@ def moved_warnings(moved: float) -> list[RunWarning]:
     message = (
         f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
         "are a guess there, and where shadows fell elsewhere as well. Lamps are told by the rest, "
-        "as far as that was noticed: keep people and things still, and take the two photographs "
+        "as far as that was noticed. Keep people and things still, and take the two photographs "
         "in quick succession."
     )
     return [RunWarning(Code.MOVED, message, {"share": moved})]

@@ -306,6 +306,7 @@ def test_a_screen_is_told_of_and_keeps_its_picture(
     place = (slice(20, 40), slice(30, 66))
     shines = np.zeros((20, 36, 3), np.float32)
     shines[:, :18], shines[:, 18:] = (0.3, 0.03, 0.02), (0.02, 0.05, 0.4)
+    shines *= np.linspace(0.9, 1.1, 20, dtype=np.float32)[:, None, None]  # else they end there
     light, part = pair.no_flash.copy(), pair.flash - pair.no_flash
     light[place], part[place] = shines, 0.1 * np.median(part, axis=(0, 1))
     names = ["confidence.tif", "white_balanced_1.tif"]

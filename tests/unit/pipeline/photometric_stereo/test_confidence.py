@@ -31,6 +31,7 @@ def surface(**more: Any) -> Surface:
         "misfit": 0.0,
         "unexplained": 0.0,
         "strengths": np.ones(3),
+        "turned_deg": 0.0,
         "focal_px": 10.0,
     }
     return Surface(**{**given, **more})

@@ -34,6 +34,7 @@ def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
         "misfit": 0.0,
         "unexplained": 0.0,
         "strengths": np.ones(3),
+        "turned_deg": 0.0,
         "focal_px": 100.0,
     }
     return Surface(**{**given, **more})
