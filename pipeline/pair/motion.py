@@ -12,11 +12,11 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.arrays import Floats32, Floats64
 from pipeline.images.area_means import area_means
 from pipeline.images.blocks import any_in_blocks, blocks_within
+from pipeline.images.disc import disc
 from pipeline.images.frames import Image, Mask, Photograph
 from pipeline.images.noise import Noise
 from pipeline.threads import at_once
@@ -162,11 +162,11 @@ def _things(evidence: Mask) -> Mask:
     diagonal = float(np.hypot(height, width))
     reach, thin = (max(1, round(share * diagonal)) for share in (_REACH, _THIN))
     padded = np.pad(large[labels].astype(np.uint8), reach)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(reach))
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc(reach))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
     cv2.drawContours(filled, outlines, -1, 1, cv2.FILLED)
-    opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, _disc(thin))
+    opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc(thin))
     return np.asarray(opened[reach:-reach, reach:-reach] > 0)
 
 
@@ -196,8 +196,3 @@ def _with_evidence(things: Mask, lost: Mask, gone: Mask, appeared: Mask) -> Mask
     kept |= (share(appeared) > _EVIDENCE) & (area > _ALONE * things.size)
     kept[0] = False  # the background
     return np.asarray(kept[labels])
-
-
-def _disc(radius: int) -> NDArray[np.uint8]:
-    side = 2 * radius + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)

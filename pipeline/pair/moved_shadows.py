@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.arrays import Floats, Floats32
+from pipeline.images.disc import disc
 from pipeline.images.frames import Image, Mask, Plane
 from pipeline.pair.find_exposure_ratio import sums_of_blocks
 from pipeline.pair.reduced import ReducedPair
@@ -74,7 +74,7 @@ def find_moved_shadows(reduced: ReducedPair, something_moved: bool) -> MovedShad
     share = float(np.mean(apart[known] > _FAR_APART))
     if not something_moved and share <= _NOTABLE:
         return None
-    found = cv2.dilate((apart > _APART).astype(np.uint8), _disc(_RIM)) > 0
+    found = cv2.dilate((apart > _APART).astype(np.uint8), disc(_RIM)) > 0
     places = np.zeros_like(usable)
     height, width = (side * blocks for blocks in found.shape)
     places[:height, :width] = found.repeat(side, axis=0).repeat(side, axis=1)
@@ -144,8 +144,3 @@ def _integrated(steps: Floats32) -> Plane:
     curvature = down[:, None] + across - 1 / _REACH**2
     field = cv2.idct(cv2.dct(divergence.astype(np.float32)) / curvature.astype(np.float32))
     return np.asarray(field[:height, :width])
-
-
-def _disc(radius: int) -> NDArray[np.uint8]:
-    side = 2 * radius + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)
