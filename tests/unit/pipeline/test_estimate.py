@@ -11,11 +11,13 @@ from pipeline import estimate as estimate_module
 from pipeline.arrays import Floats64
 from pipeline.errors import OptionError
 from pipeline.estimate import Estimate, make_estimate
-from pipeline.images.frames import Frame
+from pipeline.images.frames import Frame, Mask
+from pipeline.lamps.lamps import Lamps, estimate_lamps
 from pipeline.light.model import Model, build_model
 from pipeline.options import DirectedLight, Options
 from pipeline.pair.moved_shadows import MovedShadows
-from pipeline.pair.reduced import reduce_pair
+from pipeline.pair.pair import Pair
+from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
@@ -40,6 +42,18 @@ def estimated(
         names = frozenset(wanted)
         reduced = reduce_pair(pair)
         return make_estimate(pair, reduced, by, photograph, chosen, names, Progress())
+
+    return run
+
+
+@pytest.fixture
+def estimate_two(frame: Callable[..., Frame], model: Model) -> Callable[[Pair], Estimate]:
+    """Estimate what a pair tells of two lamps."""
+
+    def run(pair: Pair) -> Estimate:
+        photograph = frame(np.zeros((64, 96, 3)))
+        chosen, reduced = Options(lights=2), reduce_pair(pair)
+        return make_estimate(pair, reduced, model, photograph, chosen, frozenset(), Progress())
 
     return run
 
@@ -121,25 +135,13 @@ def test_impossible_layers_are_told_of_the_method_that_makes_them(
 
 def test_a_lamp_that_was_brighter_with_the_flash_is_told_and_taken_off(
     shadowed: Callable[[Floats64], Any],
-    frame: Callable[..., Frame],
-    model: Model,
+    estimate_two: Callable[[Pair], Estimate],
     warm_to_cool: Any,
 ) -> None:
     steady, bulb = shadowed(warm_to_cool[[0, 2]]), shadowed(warm_to_cool[:1])
     brighter = replace(steady, flash=steady.flash + np.float32(0.2) * bulb.no_flash)
 
-    found, usual = (
-        make_estimate(
-            pair,
-            reduce_pair(pair),
-            model,
-            frame(np.zeros((64, 96, 3))),
-            Options(lights=2),
-            frozenset(),
-            Progress(),
-        )
-        for pair in (brighter, steady)
-    )
+    found, usual = (estimate_two(pair) for pair in (brighter, steady))
 
     told = [warning for warning in found.warnings if warning.code == "light_changed"]
     assert [warning.figures["lamp"] for warning in told] == [1]
@@ -152,8 +154,7 @@ def test_a_lamp_that_was_brighter_with_the_flash_is_told_and_taken_off(
 @pytest.mark.parametrize("something_moved", [False, True])
 def test_lamps_are_not_told_by_moved_shadows(
     shadowed: Callable[[Floats64], Any],
-    frame: Callable[..., Frame],
-    model: Model,
+    estimate_two: Callable[[Pair], Estimate],
     warm_to_cool: Any,
     monkeypatch: pytest.MonkeyPatch,
     something_moved: bool,
@@ -164,29 +165,29 @@ def test_lamps_are_not_told_by_moved_shadows(
     flash = np.where(there[..., None], still.flash + np.float32(0.5) * bulb.no_flash, still.flash)
     pair = replace(still, flash=flash, moved=0.01 if something_moved else 0.001)
     asked: list[bool] = []
+    usable: list[Mask] = []
 
     def found(_: Any, moved: bool) -> MovedShadows | None:
         asked.append(moved)
         return MovedShadows(there, 0.3)
 
     def lamps_and_codes(pair: Any) -> tuple[Floats64, list[str]]:
-        estimate = make_estimate(
-            pair,
-            reduce_pair(pair),
-            model,
-            frame(np.zeros((64, 96, 3))),
-            Options(lights=2),
-            frozenset(),
-            Progress(),
-        )
+        estimate = estimate_two(pair)
         assert estimate.lamps.changes is None
         return estimate.lamps.coefficients, [warning.code for warning in estimate.warnings]
 
+    def lamps_of(some: ReducedPair, *rest: Any) -> Lamps:
+        usable.append(some.usable)
+        return estimate_lamps(some, *rest)
+
     usual, _ = lamps_and_codes(still)
     monkeypatch.setattr(estimate_module, "find_moved_shadows", found)
+    monkeypatch.setattr(estimate_module, "estimate_lamps", lamps_of)
     coefficients, codes = lamps_and_codes(pair)
 
     assert asked == [something_moved]
+    assert not usable[0][there].any()
+    np.testing.assert_array_equal(usable[0][~there], reduce_pair(pair).usable[~there])
     cosines = (coefficients * usual).sum(axis=1)
     assert np.degrees(np.arccos(np.minimum(cosines, 1))).max() < 2.0
     assert ("moved" in codes) != something_moved  # of a thing that moved the pair tells
