@@ -8,7 +8,7 @@ from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published
 from pipeline.images.frames import Frame, Mask
 from pipeline.lamps.known_lamps import find_known
-from pipeline.lamps.lamps import Lamps, estimate_lamps
+from pipeline.lamps.lamps import FindLamps, Lamps, estimate_lamps
 from pipeline.lamps.shining import shining_warning, without_shining
 from pipeline.light.model import Model
 from pipeline.options import LampCount, Options
@@ -60,39 +60,87 @@ def make_estimate(
     (find_known, estimate_lamps, find_facing), Canceled.
     """
     known = find_known(options, reduced, model)
-    something_moved = pair.moved > NOTABLE_MOTION
-    moved = find_moved_shadows(reduced, something_moved) if options.method == "best" else None
 
-    def find(some: ReducedPair, number: LampCount = options.number_of_lamps) -> Lamps:
-        if moved is not None:
-            some = replace(some, usable=some.usable & ~moved.places)
+    def find(some: ReducedPair, number: LampCount) -> Lamps:
         return estimate_lamps(some, model, number, options.method, known)
 
-    lamps, shining, warnings = find(reduced), None, []
-    if options.method == "best" and (rest := without_shining(reduced, lamps, find)) is not None:
+    if options.method == "best":
+        found = _undisturbed(reduced, pair.moved > NOTABLE_MOTION, options.number_of_lamps, find)
+    else:
+        found = _Found(reduced, find(reduced, options.number_of_lamps))
+    reduced, lamps = found.reduced, found.lamps
+    warnings = [*found.warnings, *doubts(pair, reduced, lamps, options.method, wanted)]
+    if options.method == "paper":
+        warnings += doubts_of_published(reduced, lamps, model)
+    facing = None
+    if wanted & outputs_with("facing"):
+        facing = _facing(found, model, frame, options, progress)
+        warnings += facing.warnings if facing else ()
+    changes = None
+    if model.response is not None:
+        changes = camera_changes(lamps, model, model.response, options.method)
+    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings), found.shining)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The lamps, and what they were found in; the rest as in Estimate.
+
+    warnings: of what was left out or taken off for them.
+    """
+
+    reduced: ReducedPair
+    lamps: Lamps
+    shining: Mask | None = None
+    warnings: tuple[RunWarning, ...] = ()
+
+
+def _undisturbed(
+    reduced: ReducedPair, something_moved: bool, number: LampCount, find: FindLamps
+) -> _Found:
+    """Find lamps without moved shadows, what shines itself, and what lamps gave more by the flash.
+
+    something_moved: whether the photographs show other things, as the pair tells itself.
+    """
+    moved = find_moved_shadows(reduced, something_moved)
+    if moved is not None:
+        find = _finding_beside(moved.places, find)
+    lamps, shining, warnings = find(reduced, number), None, []
+    if (rest := without_shining(reduced, lamps, find)) is not None:
         reduced, lamps, shining = rest.reduced, rest.lamps, rest.shining
         warnings.append(shining_warning(float(shining.mean())))
     if moved is not None and not something_moved:
         warnings.append(moved_shadows_warning(moved.share))
     # lamps whose shadows moved seem to have changed
-    still = options.method == "best" and moved is None and not something_moved
+    still = moved is None and not something_moved
     if still and (steady := without_change(reduced, lamps, find)) is not None:
         reduced, lamps, told = steady
         warnings.append(told)
-    warnings += doubts(pair, reduced, lamps, options.method, wanted)
-    if options.method == "paper":
-        warnings += doubts_of_published(reduced, lamps, model)
-    facing = None
-    if options.light_directions is not None and wanted & outputs_with("facing"):
-        # imported only here: few ask for it, and it brings half of SciPy
-        from pipeline.photometric_stereo.normals import find_facing
+    return _Found(reduced, lamps, shining, tuple(warnings))
 
-        focal_px, assumed = focal_length_px(frame, options.focal_px)
-        facing = find_facing(
-            options.light_directions, reduced, lamps, model, focal_px, options.method, progress
-        )
-        warnings += [*assumed, *facing.warnings]
-    changes = None
-    if model.response is not None:
-        changes = camera_changes(lamps, model, model.response, options.method)
-    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings), shining)
+
+def _finding_beside(places: Mask, find: FindLamps) -> FindLamps:
+    """Find lamps as find does, in what is usable beside places (h, w)."""
+    return lambda some, number: find(replace(some, usable=some.usable & ~places), number)
+
+
+def _facing(
+    found: _Found, model: Model, frame: Frame, options: Options, progress: Progress
+) -> Facing | None:
+    """Where surfaces face; None where no directions of lamps are given. Raises as find_facing."""
+    if options.light_directions is None:
+        return None
+    # imported only here: few ask for it, and it brings half of SciPy
+    from pipeline.photometric_stereo.normals import find_facing
+
+    focal_px, assumed = focal_length_px(frame, options.focal_px)
+    facing = find_facing(
+        options.light_directions,
+        found.reduced,
+        found.lamps,
+        model,
+        focal_px,
+        options.method,
+        progress,
+    )
+    return replace(facing, warnings=(*assumed, *facing.warnings))

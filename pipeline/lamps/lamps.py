@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -104,6 +105,10 @@ class Lamps:
     def unexplained(self) -> bool:
         """Whether the lamps leave much of the light unexplained."""
         return self.left_over > MUCH_LEFT
+
+
+FindLamps = Callable[[ReducedPair, LampCount], Lamps]
+"""Finds so many lamps by what is usable of a pair. Raises as estimate_lamps."""
 
 
 def estimate_lamps(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.images.frames import Mask
 from pipeline.images.memory import releasable
-from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.lamps import FindLamps, Lamps
 from pipeline.matrixfit.unexplained import left_over
 from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
@@ -40,7 +39,7 @@ class WithoutShining:
 
 
 def without_shining(
-    reduced: ReducedPair, lamps: Lamps, estimate: Callable[[ReducedPair], Lamps]
+    reduced: ReducedPair, lamps: Lamps, estimate: FindLamps
 ) -> WithoutShining | None:
     """Leave out what shines itself, where there is any; lamps: those of the whole pair.
 
@@ -54,7 +53,7 @@ def without_shining(
         return None
     rest = replace(reduced, usable=reduced.usable & ~place)
     try:
-        of_rest = estimate(rest)
+        of_rest = estimate(rest, lamps.requested)
     except InputError:  # too little is left, or lamps that were forbidden
         return None
     if _left_over(reduced, place, of_rest) <= much * _SURELY_LEFT:

@@ -9,7 +9,6 @@ exposures is told (find_exposure_ratio), lamp by lamp.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +17,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import InputError
 from pipeline.images.frames import Image
 from pipeline.lamps.count import DOUBTFUL
-from pipeline.lamps.lamps import Lamps
-from pipeline.options import LampCount
+from pipeline.lamps.lamps import FindLamps, Lamps
 from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, sums_of_blocks
 from pipeline.pair.one_surface import pairs_apart
 from pipeline.pair.pairs_of_places import WIDTHS, Places
@@ -41,11 +39,11 @@ _SWEEPS = 3  # of lit_by_flash; each errs by the change times as much less
 
 
 def without_change(
-    reduced: ReducedPair, lamps: Lamps, estimate: Callable[[ReducedPair, LampCount], Lamps]
+    reduced: ReducedPair, lamps: Lamps, estimate: FindLamps
 ) -> tuple[ReducedPair, Lamps, RunWarning] | None:
     """Take what lamps gave more off the flash part, and find them again; None where none changed.
 
-    lamps: those of the pair as it is. estimate: finds so many. The lamps returned have `changes`,
+    lamps: those of the pair as it is. The lamps returned have `changes`,
     by which lit_by_flash takes the same off any flash part; beside them is what to tell.
 
     Where a single lamp was counted, two are tried, for a change hides a second one. Nothing is told
@@ -87,9 +85,7 @@ def without_change(
     return _without(reduced, best), best, warning
 
 
-def _several(
-    reduced: ReducedPair, lamps: Lamps, estimate: Callable[[ReducedPair, LampCount], Lamps]
-) -> Lamps:
+def _several(reduced: ReducedPair, lamps: Lamps, estimate: FindLamps) -> Lamps:
     """The lamps, or two where one was counted."""
     return lamps if len(lamps) > 1 else estimate(reduced, 2)
 

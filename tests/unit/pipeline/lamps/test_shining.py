@@ -12,6 +12,7 @@ from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
 from pipeline.lamps.shining import shining_warning, unusable_where, without_shining
+from pipeline.options import LampCount
 from pipeline.pair.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, reduced_pair
 
@@ -47,7 +48,7 @@ def lamps(lamps_of: Build, warm_to_cool: Floats64) -> Lamps:
 
 def rest_of(reduced: ReducedPair, lamps: Lamps, of_rest: Lamps | None = None) -> Mask | None:
     """What shines itself where these lamps are found in all, and the others in the rest."""
-    found = without_shining(reduced, lamps, lambda _: of_rest or lamps)
+    found = without_shining(reduced, lamps, lambda *_: of_rest or lamps)
     return None if found is None else found.shining
 
 
@@ -58,15 +59,15 @@ def test_a_screen_is_left_out_and_the_lamps_are_those_of_the_rest(
     reduced, asked = room(), []
     dragged = lamps_of(warm_to_cool[:1], matrices=np.diag([0.7, 0.6, 0.5])[None])
 
-    def estimate(rest: ReducedPair) -> Lamps:
-        asked.append(rest)
+    def estimate(rest: ReducedPair, number: LampCount) -> Lamps:
+        asked.append((rest, number))
         return lamps
 
-    found = without_shining(reduced, dragged, estimate)
+    found = without_shining(reduced, replace(dragged, requested=1), estimate)
 
     assert found is not None
     assert found.lamps is lamps
-    assert asked == [found.reduced]
+    assert asked == [(found.reduced, 1)]
     assert found.shining[SCREEN].all()
     assert found.shining.sum() == 16 * 32  # with its rim
     np.testing.assert_array_equal(found.reduced.usable, ~found.shining)
@@ -175,7 +176,7 @@ def test_a_place_shines_by_light_that_neither_lamps_leave(
     """.05 of it by all lamps, .07 by those of the rest."""
     reduced, asked = room(0.4 * LAMP @ FLASH + np.array([0.0, 0.0, blue])), []
 
-    def estimate(rest: ReducedPair) -> Lamps:
+    def estimate(rest: ReducedPair, _: LampCount) -> Lamps:
         asked.append(rest)
         return lamps
 
@@ -236,7 +237,7 @@ def test_more_must_be_left_over_of_a_rendering(
 def test_where_the_rest_tells_no_lamps_nothing_is_left_out(
     room: Callable[..., ReducedPair], lamps: Lamps, problem: Exception
 ) -> None:
-    def refuse(_: ReducedPair) -> Lamps:
+    def refuse(*_: object) -> Lamps:
         raise problem
 
     assert without_shining(room(), lamps, refuse) is None
