@@ -74,9 +74,8 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     del flash
-    named = options.camera is not None  # calibrated ones were checked by their targets
     asked = _asked(options, kept, before)
-    options, warnings = asked.options, [*asked.warnings]
+    options = asked.options
     camera = find_camera(options.camera, before)
     build = _models(before, options)
     model = build(camera)
@@ -89,24 +88,24 @@ def separate_files(
     if options.camera is None and undeclared(before):
         model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
-    lamps, reduced = estimate.lamps, estimate.reduced
     if estimate.shining is not None:
         pair = unusable_where(estimate.shining, pair, reduced.block)
-    flattened = pair.tone_curve is not None
-    warnings += [*pair.warnings, *camera_warnings(before, model.camera, named, flattened)]
-    if named:
-        warnings += camera_doubts(reduced, len(lamps), model.camera, before, build)
-    warnings += estimate.warnings
-    wanted, passed_over = held_outputs(asked.wanted, before.size, len(lamps), options)
-    warnings += [*passed_over, *white_warnings(pair.no_flash, pair.clipping, wanted)]
+    wanted, passed_over = held_outputs(asked.wanted, before.size, len(estimate.lamps), options)
+    warnings = [
+        *asked.warnings,
+        *pair.warnings,
+        *_of_camera(asked.names_camera, before, pair, estimate, build),
+        *estimate.warnings,
+        *passed_over,
+        *white_warnings(pair.no_flash, pair.clipping, wanted),
+    ]
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    basis = mix_basis(pair.no_flash, pair.clipping, lamps, model)
     directory.mkdir(parents=True, exist_ok=True)
     written = _write_outputs(pair, estimate, options, wanted, directory, progress, strip_rows)
     manifest = make_manifest(
-        (before, after), options, pair, estimate, written, basis, asked.calibrations, warnings
+        (before, after), options, pair, estimate, written, asked.calibrations, warnings
     )
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     write_manifest(directory, manifest)
@@ -117,12 +116,14 @@ def separate_files(
 class _Asked:
     """What a run is to do.
 
-    options: with kept calibrations in place of those left out. wanted: names of outputs
+    options: with kept calibrations in place of those left out. names_camera: whether the user named
+    one; calibrated ones were checked by their targets. wanted: names of outputs
     (pipeline.output_names). calibrations: those that stand in, for the manifest. warnings: of what
     was kept or named.
     """
 
     options: Options
+    names_camera: bool
     wanted: frozenset[str]
     calibrations: list[dict[str, str]]
     warnings: list[RunWarning]
@@ -134,12 +135,13 @@ def _asked(options: Options, kept: Sequence[Kept], frame: Frame) -> _Asked:
     frame: the no-flash photograph, of which size and EXIF count. Raises InputError.
     """
     of_setup, of_named = setup_warnings(options, kept, frame), named_warnings(options, frame)
+    names_camera = options.camera is not None
     options, used, left_out = with_kept(options, kept, frame)
     wanted = wanted_outputs(options)
     check_outputs(wanted, frame.size, options)
     check_directions(options, [*of_setup, *left_out])
     check_places(options, frame.size)
-    return _Asked(options, wanted, used, [*of_setup, *of_named, *left_out])
+    return _Asked(options, names_camera, wanted, used, [*of_setup, *of_named, *left_out])
 
 
 def _models(frame: Frame, options: Options) -> Callable[[Camera], Model]:
@@ -159,6 +161,17 @@ def _likely_model(
     return build(camera)
 
 
+def _of_camera(
+    named: bool, frame: Frame, pair: Pair, estimate: Estimate, build: Callable[[Camera], Model]
+) -> list[RunWarning]:
+    """Warn of a camera that is a guess or does not fit; named: whether the user named it."""
+    camera, lamps = estimate.model.camera, len(estimate.lamps)
+    warnings = camera_warnings(frame, camera, named, pair.tone_curve is not None)
+    if named:
+        warnings += camera_doubts(estimate.reduced, lamps, camera, frame, build)
+    return warnings
+
+
 def _write_outputs(
     pair: Pair,
     estimate: Estimate,
@@ -169,6 +182,7 @@ def _write_outputs(
     strip_rows: int,
 ) -> Written:
     """Separate strip by strip, giving back what memory of the pair that takes."""
+    basis = mix_basis(pair.no_flash, pair.clipping, estimate.lamps, estimate.model)
     small = overview(pair, estimate, options.method, wanted)
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
@@ -183,4 +197,4 @@ def _write_outputs(
                 release_photograph(one, done)
         entries = lamp_entries(estimate.lamps, estimate.model, tally.separated)
         files = outputs.finish(entries, progress)
-    return Written(entries, tally.filled, files)
+    return Written(entries, tally.filled, files, basis)

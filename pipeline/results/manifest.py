@@ -29,12 +29,13 @@ class Written:
     """What came of working through a pair.
 
     lamps: from lamp_entries. filled: share of pixels whose layers are filled in from their
-    surroundings. files: from describe.
+    surroundings. files: from describe. mix: what mixing the layers starts from.
     """
 
     lamps: list[dict[str, Any]]
     filled: float
     files: list[dict[str, Any]]
+    mix: MixBasis
 
 
 def lamp_entries(lamps: Lamps, model: Model, separated: Floats64) -> list[dict[str, Any]]:
@@ -87,14 +88,12 @@ def make_manifest(
     pair: Pair,
     estimate: Estimate,
     written: Written,
-    mix: MixBasis,
     calibrations: list[dict[str, str]],
     warnings: list[RunWarning],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
-    mix: what mixing the layers starts from. calibrations: from with_kept, those that stood in for
-    options.
+    calibrations: from with_kept, those that stood in for options.
     """
     no_flash, flash = frames
     given = options.flash_spectrum
@@ -131,7 +130,7 @@ def make_manifest(
         "normals": None if facing is None else _normals(facing, options.normals),
         "filled": round(written.filled, 4),
         "files": written.files,
-        "mix": mix.model_dump(mode="json"),
+        "mix": written.mix.model_dump(mode="json"),
         "calibrations": calibrations,
         "warnings": [warning.entry() for warning in warnings],
         "versions": versions(),

@@ -68,8 +68,8 @@ def manifest_of(
                 lamp_entries(lamps, model, np.array([1.0, 0.25])),
                 filled=0.123456,
                 files=[{"name": "layers.exr", "sha256": "cc"}],
+                mix=mix_basis(pair.no_flash, pair.clipping, lamps, model),
             ),
-            "mix": mix_basis(pair.no_flash, pair.clipping, lamps, model),
             "calibrations": [{"kind": "flash", "name": "a"}],
             "warnings": [RunWarning(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }
