@@ -253,6 +253,40 @@ def _pull_of_mirror(data: Floats64, lamp: Floats64, scale: Floats64) -> tuple[fl
 
 
 @exact
+def _pull_own(
+    data: Floats64,
+    mirror: Floats64,
+    scale: Floats64,
+    own: Floats64,
+    mirrored: Floats64,
+    gradient: Floats64,
+) -> None:
+    """Add a mirror's gradient by its lamp's matrix; own, mirrored: as in _write_own."""
+    red, green = _pull_of_mirror(data, mirror, scale)
+    red, green = red * own[2], green * own[2]
+    drift = red * own[0] + green * own[1]
+    gradient[0] -= (red - drift) * mirrored
+    gradient[1] -= (green - drift) * mirrored
+    gradient[2] += drift * mirrored
+
+
+@exact
+def _write_own(matrices: Floats64, mirrored: Floats64, own: Floats64) -> None:
+    """Write of each lamp (N, 3): red and green of its own chromaticity, and 1 / sum of its light.
+
+    mirrored: as in mixture.
+    """
+    for j in range(matrices.shape[0]):
+        # not as a product of matrices, for which Numba loads SciPy's BLAS
+        columns = matrices[j, :, 0], matrices[j, :, 1], matrices[j, :, 2]
+        light = columns[0] * mirrored[0] + columns[1] * mirrored[1] + columns[2] * mirrored[2]
+        total = light.sum()
+        least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
+        total = least if abs(total) < _MIN_TOTAL else total
+        own[j, 0], own[j, 1], own[j, 2] = light[0] / total, light[1] / total, 1.0 / total
+
+
+@exact
 def mixture(
     matrices: Floats64,
     data: Floats64,
@@ -286,14 +320,7 @@ def mixture(
     inside, scale = np.empty(_BLOCK), np.empty(_BLOCK)
     mirrors, own = np.empty((count, _LAMP)), np.empty((count, 3))
     has_mirrors = mirrored[0] > 0.0
-    for j in range(count):
-        # not as a product of matrices, for which Numba loads SciPy's BLAS
-        columns = matrices[j, :, 0], matrices[j, :, 1], matrices[j, :, 2]
-        light = columns[0] * mirrored[0] + columns[1] * mirrored[1] + columns[2] * mirrored[2]
-        total = light.sum()
-        least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
-        total = least if abs(total) < _MIN_TOTAL else total
-        own[j, 0], own[j, 1], own[j, 2] = light[0] / total, light[1] / total, 1.0 / total
+    _write_own(matrices, mirrored, own)
     value = 0.0
     for k in range(data.shape[0]):
         block = data[k]
@@ -323,12 +350,7 @@ def mixture(
         if has_mirrors:
             for j in range(count):
                 counts[count + e + j] += _dot(mirrors[j], scale)
-                red, green = _pull_of_mirror(block, mirrors[j], scale)
-                red, green = red * own[j, 2], green * own[j, 2]
-                drift = red * own[j, 0] + green * own[j, 1]
-                gradient[j, 0] -= (red - drift) * mirrored
-                gradient[j, 1] -= (green - drift) * mirrored
-                gradient[j, 2] += drift * mirrored
+                _pull_own(block, mirrors[j], scale, own[j], mirrored, gradient[j])
         if interior:
             counts[-2] += _dot(inside, scale)
         counts[-1] += weights[-1] * outlier * scale.sum()

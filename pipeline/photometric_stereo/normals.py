@@ -13,7 +13,6 @@ from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.facing import Facing
 from pipeline.photometric_stereo.outline import turns_away
-from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
@@ -43,8 +42,7 @@ def find_facing(
         directed = assign_lamps(lights, reduced, lamps, model, focal_px)
         normals_of = partial(published_normals, lamps=lamps, directed=directed)
         return Facing(normals_of, directed.strengths, None)
-    bank = LampBank(model.camera.sensitivities, model.flash)
-    surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
+    surface = solve_surface(lights, reduced, lamps, model, focal_px, progress)
     normals_of = partial(surface_normals, surface=surface)
     warnings = (*_of_colours(lights, lamps), *_warnings(surface))
     return Facing(normals_of, surface.strengths, surface, warnings)

@@ -82,7 +82,6 @@ def solve_surface(
     reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
-    bank: LampBank,
     focal_px: float,
     progress: Progress,
 ) -> Surface:
@@ -91,9 +90,8 @@ def solve_surface(
     lights: two or three distant lamps, all that there are. With `rgb` for all of them their colours
     are known, and which is which, also where fewer lamps were found; else they are those of the
     lamps found, in the order that explains the pair best of those in which lamps are most like the
-    `rgb` that is given. bank: of the camera and the
-    flash. focal_px: of the full-size picture, through whose middle the camera's axis goes.
-    progress: told of the second half of the stage "lamps".
+    `rgb` that is given. focal_px: of the full-size picture, through whose middle the camera's axis
+    goes. progress: told of the second half of the stage "lamps".
     Raises OptionError for directions nearly alike or in a plane, where more lamps were found, and
     where fewer were without `rgb` for all; UnusablePairError where hardly anything is lit, or all
     that is lies thinly; Canceled.
@@ -104,6 +102,7 @@ def solve_surface(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
             "its power."
         )
+    bank = LampBank(model.camera.sensitivities, model.flash)
     priors = [tuple(bank.prior(*one) for one in few) for few in _likely(lights, lamps, model)]
     sizes = (_COARSE, _FINE) if len(priors) == 1 else (_TRIAL, _COARSE, _FINE)
     views = {most: make_view(reduced, focal_px, most) for most in sizes}

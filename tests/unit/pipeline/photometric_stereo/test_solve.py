@@ -29,7 +29,6 @@ def solved(
     pair_of: Callable[..., Any],
     lamps_of: Callable[..., Lamps],
     model: Model,
-    bank: LampBank,
 ) -> Callable[..., Surface]:
     """Solve for a ball. whites: (J, 3) colours of the lamps found, in any order."""
 
@@ -49,7 +48,6 @@ def solved(
             reduce_pair(pair),
             found,
             model,
-            bank,
             fill * ball.focal_px,
             progress or Progress(),
         )
@@ -303,7 +301,6 @@ def test_light_without_sense_is_solved_or_refused(
     lamps_of: Callable[..., Lamps],
     ball: Callable[..., Any],
     model: Model,
-    bank: LampBank,
     seed: int,
 ) -> None:
     """Noise for a picture: no crash, no unending search, and no number that is none."""
@@ -313,7 +310,7 @@ def test_light_without_sense_is_solved_or_refused(
     reduced, lamps = reduce_pair(pair), lamps_of(one.colours)
 
     try:
-        surface = solve_surface(one.lights("rgb"), reduced, lamps, model, bank, 80.0, Progress())
+        surface = solve_surface(one.lights("rgb"), reduced, lamps, model, 80.0, Progress())
     except InputError:
         return
 
