@@ -44,6 +44,6 @@ def best_scale(predicted: Floats64, seen: Floats64, variance: Floats64) -> float
 
 
 def weights(evidence: list[float]) -> Floats64:
-    """Probabilities of the members of a mixture from their log evidence."""
+    """Probabilities (n,), together 1, of the members of a mixture from their log evidence."""
     relative = np.exp(np.array(evidence) - max(evidence))
     return np.asarray(relative / relative.sum())

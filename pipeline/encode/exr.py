@@ -1,3 +1,5 @@
+"""OpenEXR files written strip by strip, with the channels that they are given."""
+
 from __future__ import annotations
 
 import struct

@@ -1,3 +1,5 @@
+"""A mesh and its texture as binary glTF 2.0."""
+
 from __future__ import annotations
 
 import io

@@ -1,3 +1,5 @@
+"""JPEGs in sRGB from linear pictures, encoded some rows at a time."""
+
 from __future__ import annotations
 
 from functools import cache

@@ -1,3 +1,5 @@
+"""PNGs: code values as they are, and maps of normals given from top to bottom."""
+
 from __future__ import annotations
 
 from pathlib import Path

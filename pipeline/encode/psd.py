@@ -1,3 +1,5 @@
+"""Photoshop files with a layer for each lamp."""
+
 from __future__ import annotations
 
 from pathlib import Path

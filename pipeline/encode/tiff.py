@@ -1,3 +1,5 @@
+"""16-bit TIFFs, in colour or grey, written from top to bottom."""
+
 from __future__ import annotations
 
 from pathlib import Path

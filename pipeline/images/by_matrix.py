@@ -12,7 +12,7 @@ from pipeline.images.frames import Colour, Numbers
 
 @spliced
 def by_matrix(m: Numbers, r: Any, g: Any, b: Any) -> Colour:
-    """A colour by the matrix m, in single precision; for exact loops."""
+    """A colour by the matrix m, row by row, in single precision; for exact loops."""
     return (
         np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b,
         np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b,

@@ -98,7 +98,10 @@ def _worse(given: FitInput, found: Fit, free: Fit) -> bool:
 
 
 def other_light(pin: Pin, matrix: Floats64) -> float:
-    """By how much chromaticities shown by a pinned lamp differ from a matrix's, noise left out."""
+    """By how much chromaticities shown by a pinned lamp differ from a matrix's, noise left out.
+
+    matrix: (3, 3). Returns a distance of chromaticities, ≥ 0, beyond which only the worst lie.
+    """
     data = pin.term.data
     off = data.u - data.corners(matrix[None])[0]
     squared = float(np.quantile((off**2).sum(axis=1), _QUANTILE))

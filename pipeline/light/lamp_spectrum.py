@@ -54,7 +54,7 @@ class SpectrumPrior:
         return np.asarray(np.maximum(self.mean + self.gain @ off, _LEAST * self.mean))
 
     def coloured(self, matrix: Matrix) -> Floats64:
-        """As spectrum, with the colour that the camera sees of it, as far as it is not usual.
+        """As spectrum, (W,), with the colour that the camera sees of it, as far as it is not usual.
 
         Measured lamps are white, and so is what is estimated of a lamp with a gel or of one colour.
         """

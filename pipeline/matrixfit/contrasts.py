@@ -57,7 +57,7 @@ class RelativeLight:
     coupled: float
 
     def alike(self, a: Places, b: Places) -> Mask:
-        """Whether the flash shows surfaces of one colour at two lists of places."""
+        """Whether the flash shows surfaces of one colour at two lists of n places each, (n,)."""
         apart = np.abs(self.colour[a] - self.colour[b]).max(axis=-1)
         return np.asarray(apart < _SAME_SURFACE + np.hypot(self.noise[a], self.noise[b]))
 

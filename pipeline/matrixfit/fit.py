@@ -70,7 +70,7 @@ class FitInput:
         return replace(self, evidence=self.evidence.surest)
 
     def without_coves(self, matrices: Floats64) -> FitInput:
-        """Without the pools that three lamps, as they were found, tell from those of one."""
+        """Without the pools that three lamps (3, 3, 3), as found, tell from those of one."""
         if len(matrices) < MOST_LAMPS:
             return self
         pools = without_coves(self.evidence.pools, matrices)

@@ -89,5 +89,5 @@ class Known:
 
 
 def nothing_known(flash_white: Floats64) -> Known:
-    """No pinned lamp, and no forbidden one."""
+    """No pinned lamp, and no forbidden one. flash_white: (3,), as in Model."""
     return Known((), np.zeros((0, 3)), flash_white)

@@ -95,7 +95,7 @@ class Whitened:
         return found
 
     def reweighted(self, matrices: Floats64, weights: Floats64) -> Floats64:
-        """Weights of the components after some rounds of EM with the matrices held."""
+        """Weights (K,) of the components after some rounds of EM, the matrices (N, 3, 3) held."""
         if self.term.pseudo_count is None or not len(self.term.data):
             return weights
         for _ in range(_EM_ROUNDS):

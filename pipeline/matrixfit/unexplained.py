@@ -84,7 +84,7 @@ def share_beside(reduced: ReducedPair, matrices: Floats64) -> float:
 
 
 def share_off(differences: Chromaticities, matrices: Floats64) -> float:
-    """Share of the differences that show none of the lamps alone."""
+    """Share 0…1 of the differences that show none of the lamps (N, 3, 3) alone."""
     if not len(differences):
         return 0.0
     return float(1.0 - shares_alone(differences, matrices).sum())
@@ -133,7 +133,7 @@ def places_alone(evidence: Evidence, matrices: Floats64) -> Floats64:
 
 
 def share_outside(pixels: Chromaticities, matrices: Floats64) -> float:
-    """Share of the pixels outside the triangle of three lamps."""
+    """Share 0…1 of the pixels outside the triangle of three lamps (3, 3, 3)."""
     corners = pixels.corners(matrices)
     turn = np.sign(cross_2d(corners[1] - corners[0], corners[2] - corners[0]))
     inside = []

@@ -121,7 +121,8 @@ def _bent(index: NDArray[np.intp], mask: NDArray[np.bool_]) -> NDArray[np.intp]:
 def carried(h: Floats64, old: Grid, new: Grid, scale: float = 1.0) -> Floats64:
     """Squared depths at the corners of a new grid, beyond the old one as at its nearest corner.
 
-    scale: side of the new grid's pixels in those of the old one.
+    h: (c,) at the corners of the old one. scale: side of the new grid's pixels in those of the old
+    one.
     """
     known = old.corner_mask
     field = np.zeros(known.shape)

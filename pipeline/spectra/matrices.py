@@ -23,7 +23,7 @@ def best_matrix(before: Floats64, after: Floats64) -> Matrix:
 
 
 def balancing_matrix(before: Floats64, after: Floats64) -> Matrix:
-    """As best_matrix, but a white card becomes exactly white: greys keep no cast.
+    """As best_matrix, (3, 3) too, but a white card becomes exactly white: greys keep no cast.
 
     Raises numpy.linalg.LinAlgError where `before` does not tell three colours apart.
     """
