@@ -30,6 +30,8 @@ from tests.evaluation.white_balance import BALANCES
 _EXACT_DB = 100.0
 _NO_COLOUR_DEG = 90.0
 _ESTIMATOR = (
+    "doubts.py",
+    "estimate.py",
     "lamps/contradictions.py",
     "lamps/count.py",
     "lamps/known_lamps.py",
