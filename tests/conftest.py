@@ -16,6 +16,9 @@ from drivers.clock import Clock
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # hundreds of processes start, each of which would compile our modules anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# what the pipeline reads from outside: cameras beside the packaged ones, a limit of its own
+for _name in ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS"):
+    os.environ.pop(_name, None)
 
 
 @pytest.fixture(scope="session")
