@@ -16,7 +16,7 @@ from pipeline.images.memory import release_rows, trim_memory
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.lamps.known_lamps import check_places
 from pipeline.lamps.shining import unusable_where
-from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
+from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera
 from pipeline.light.model import Model, build_model
 from pipeline.manifest_parts import write_manifest
 from pipeline.mixes.mix import mix_basis
@@ -85,7 +85,7 @@ def separate_files(
     before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    if options.camera is None and undeclared(before):
+    if options.camera is None and before.undeclared:
         model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
     if estimate.shining is not None:

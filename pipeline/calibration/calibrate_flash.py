@@ -14,7 +14,7 @@ from pipeline.calibration.patches import Patches
 from pipeline.colour.temperature import cct_duv
 from pipeline.errors import UnusablePairError
 from pipeline.images.frames import Frame
-from pipeline.lamps.whose_colours import names_no_camera, no_sensors_values, undeclared
+from pipeline.lamps.whose_colours import names_no_camera, no_sensors_values
 from pipeline.options import Spectrum
 from pipeline.pair.pair import Pair
 from pipeline.run_warnings import Code, RunWarning
@@ -82,7 +82,7 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarni
     if frame.in_colour_space:
         return [no_sensors_values(frame, named, "the spectrum of the flash")]
     if not camera.approximate:
-        if named or not undeclared(frame):
+        if named or not frame.undeclared:
             return []
         message = (
             f"The files name the {camera.name}, and do not say whether they hold what its sensor "

@@ -173,6 +173,11 @@ class Frame(CameraFacts):
         return self.encoding == "srgb" or self.profiled
 
     @property
+    def undeclared(self) -> bool:
+        """Whether it holds linear values and no profile says of what: of a sensor, or sRGB."""
+        return self.encoding == "linear" and not self.profiled
+
+    @property
     def unusable(self) -> Mask:
         """Pixels (H, W) whose values tell nothing of light: saturated or empty."""
         return self.saturated if self.empty is None else self.saturated | self.empty

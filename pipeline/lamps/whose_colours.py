@@ -38,7 +38,6 @@ _NOT_ITS_VALUES = (
 )
 """What a warning of files that hold no sensor's values goes on with where a camera was named."""
 
-
 _WITHOUT_CONTRAST = (
     " A contrast that the camera put on them was found and taken off, so that layers and pictures "
     "are flatter than the files."
@@ -46,14 +45,9 @@ _WITHOUT_CONTRAST = (
 """How it goes on where the pair told the camera's curve."""
 
 
-def undeclared(frame: Frame) -> bool:
-    """Whether a frame holds linear values and no profile says of what: of a sensor, or sRGB."""
-    return frame.encoding == "linear" and not frame.profiled
-
-
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
     """Whether nothing but the pixels tells whose colours a frame holds."""
-    return undeclared(frame) and camera.in_srgb
+    return frame.undeclared and camera.in_srgb
 
 
 def likely_camera(

@@ -70,7 +70,7 @@ def fit_whole(scene: Scene, tick: Tick = lambda: None) -> tuple[State, float]:
     if unexplained(scene, found[0]).mean() >= _UNEXPLAINED:
         turned = fit(replace(scene, turning=True), tick, rounds=0)
         explained = unexplained(scene, turned[0]).mean() < _UNEXPLAINED
-        if explained and clearly_turned(scene, found[0], turned[0]):
+        if explained and _clearly_turned(scene, found[0], turned[0]):
             return turned
     return _through_shadows(scene, found, tick, _ROUNDS)
 
@@ -113,10 +113,10 @@ def fit_turned(scene: Scene, state: State) -> State:
     for _ in range(_TURNED_STEPS):
         objective = make_objective(turning, turned, _SCALES[-1])
         turned = _relit(_moved(objective, turned), objective)
-    return turned if clearly_turned(scene, state, turned) else state
+    return turned if _clearly_turned(scene, state, turned) else state
 
 
-def clearly_turned(scene: Scene, state: State, turned: State) -> bool:
+def _clearly_turned(scene: Scene, state: State, turned: State) -> bool:
     """Whether the other state's directions are clearly likelier and others.
 
     Directions that are given exactly turn by up to 1.8 degrees, or for hardly any gain.

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from pipeline.errors import OptionError, own_words
 from pipeline.options import MOST_ROWS, Sensitivities, Spectrum
 
-CAMERA_COLUMNS = ("r", "g", "b")
-LIGHT_COLUMNS = ("power",)
+_CAMERA_COLUMNS = ("r", "g", "b")
+_LIGHT_COLUMNS = ("power",)
 _CSV_HEAD = "wavelength_nm"
 _TAKEN_WITH = "taken_with"
 
@@ -23,7 +23,7 @@ def parse_sensitivities(data: bytes) -> Sensitivities:
 
     Raises OptionError with one sentence for anything wrong.
     """
-    wavelengths, (r, g, b), more = _table(data, CAMERA_COLUMNS, "camera table")
+    wavelengths, (r, g, b), more = _table(data, _CAMERA_COLUMNS, "camera table")
     try:
         return Sensitivities(wavelength_nm=wavelengths, r=r, g=g, b=b, **more)
     except ValidationError as error:
@@ -35,7 +35,7 @@ def parse_spectrum(data: bytes) -> Spectrum:
 
     Raises OptionError with one sentence for anything wrong.
     """
-    wavelengths, (power,), more = _table(data, LIGHT_COLUMNS, "light table")
+    wavelengths, (power,), more = _table(data, _LIGHT_COLUMNS, "light table")
     try:
         return Spectrum(wavelength_nm=wavelengths, power=power, **more)
     except ValidationError as error:
@@ -44,12 +44,12 @@ def parse_spectrum(data: bytes) -> Spectrum:
 
 def write_sensitivities(table: Sensitivities) -> bytes:
     """Write a camera's sensitivities as AMPAS JSON, which parse_sensitivities reads."""
-    return _ampas(CAMERA_COLUMNS, table, table.r, table.g, table.b)
+    return _ampas(_CAMERA_COLUMNS, table, table.r, table.g, table.b)
 
 
 def write_spectrum(table: Spectrum) -> bytes:
     """Write a light's spectrum as AMPAS JSON, which parse_spectrum reads."""
-    return _ampas(LIGHT_COLUMNS, table, table.power)
+    return _ampas(_LIGHT_COLUMNS, table, table.power)
 
 
 def _ampas(names: tuple[str, ...], table: Sensitivities | Spectrum, *columns: list[float]) -> bytes:

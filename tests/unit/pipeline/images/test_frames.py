@@ -124,3 +124,21 @@ def test_rows_of_an_image_by_planes_stay_by_planes() -> None:
 
     np.testing.assert_array_equal(rows, image[2:6])
     assert np.shares_memory(rows, planes_of(rows)[1])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "profiled", "undeclared"),
+    [
+        ("linear", False, True),
+        ("linear", True, False),
+        ("raw", False, False),
+        ("srgb", False, False),
+    ],
+)
+def test_linear_values_without_a_profile_are_undeclared(
+    frame: Callable[..., Frame], encoding: str, profiled: bool, undeclared: bool
+) -> None:
+    found = frame(np.zeros((2, 2, 3)), encoding=encoding, profiled=profiled)
+
+    assert found.undeclared == undeclared
+    assert found.in_colour_space == (profiled or encoding == "srgb")
