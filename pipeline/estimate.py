@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pipeline.arrays import Floats64
 from pipeline.doubts import doubts, doubts_of_published
 from pipeline.images.frames import Frame, Mask
@@ -31,8 +33,8 @@ class Estimate:
 
     reduced: what it was estimated from. model: of the camera taken. facing: None where no normals
     are wanted. changes: (N, 3, 3) of camera_changes, None where there is no other camera.
-    warnings: of the lamps and normals. shining: (h, w), what shines itself and is not usable in
-    reduced, None where nothing does.
+    warnings: of the lamps and normals. left_out: (h, w), what shines itself and where shadows
+    moved, not usable in reduced; None where nothing does.
     """
 
     reduced: ReducedPair
@@ -41,7 +43,7 @@ class Estimate:
     facing: Facing | None = None
     changes: Floats64 | None = None
     warnings: tuple[RunWarning, ...] = ()
-    shining: Mask | None = None
+    left_out: Mask | None = None
 
 
 def make_estimate(
@@ -79,7 +81,7 @@ def make_estimate(
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)
-    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings), found.shining)
+    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings), found.left_out)
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class _Found:
 
     reduced: ReducedPair
     lamps: Lamps
-    shining: Mask | None = None
+    left_out: Mask | None = None
     warnings: tuple[RunWarning, ...] = ()
 
 
@@ -103,12 +105,15 @@ def _undisturbed(
     something_moved: whether the photographs show other things, as the pair tells itself.
     """
     moved = find_moved_shadows(reduced, something_moved)
+    left_out, warnings = np.zeros_like(reduced.usable), []
     if moved is not None:
+        left_out = moved.surely
+        reduced = replace(reduced, usable=reduced.usable & ~moved.surely)
         find = _finding_beside(moved.places, find)
-    lamps, shining, warnings = find(reduced, number), None, []
+    lamps = find(reduced, number)
     if (rest := without_shining(reduced, lamps, find)) is not None:
-        reduced, lamps, shining = rest.reduced, rest.lamps, rest.shining
-        warnings.append(shining_warning(float(shining.mean())))
+        reduced, lamps, left_out = rest.reduced, rest.lamps, left_out | rest.shining
+        warnings.append(shining_warning(float(rest.shining.mean())))
     if moved is not None and not something_moved:
         warnings.append(moved_shadows_warning(moved.share))
     # lamps whose shadows moved seem to have changed
@@ -116,7 +121,7 @@ def _undisturbed(
     if still and (steady := without_change(reduced, lamps, find)) is not None:
         reduced, lamps, told = steady
         warnings.append(told)
-    return _Found(reduced, lamps, shining, tuple(warnings))
+    return _Found(reduced, lamps, left_out if left_out.any() else None, tuple(warnings))
 
 
 def _finding_beside(places: Mask, find: FindLamps) -> FindLamps:

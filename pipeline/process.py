@@ -15,7 +15,6 @@ from pipeline.images.frames import Frame, release_photograph
 from pipeline.images.memory import release_rows, trim_memory
 from pipeline.images.strips import STRIP_ROWS
 from pipeline.lamps.known_lamps import check_places
-from pipeline.lamps.shining import unusable_where
 from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera
 from pipeline.light.model import Model, build_model
 from pipeline.manifest_parts import write_manifest
@@ -23,7 +22,7 @@ from pipeline.mixes.mix import mix_basis
 from pipeline.options import Options
 from pipeline.pair.pair import Pair, make_pair
 from pipeline.pair.pair_checks import FLASH, NO_FLASH, check_pair
-from pipeline.pair.reduced import ReducedPair, reduce_pair
+from pipeline.pair.reduced import ReducedPair, reduce_pair, unusable_where
 from pipeline.progress import Progress
 from pipeline.result_names import MANIFEST
 from pipeline.results.manifest import Written, lamp_entries, make_manifest
@@ -88,8 +87,8 @@ def separate_files(
     if options.camera is None and before.undeclared:
         model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, asked.wanted, progress)
-    if estimate.shining is not None:
-        pair = unusable_where(estimate.shining, pair, reduced.block)
+    if estimate.left_out is not None:
+        pair = unusable_where(estimate.left_out, pair, reduced.block)
     wanted, passed_over = held_outputs(asked.wanted, before.size, len(estimate.lamps), options)
     warnings = [
         *asked.warnings,

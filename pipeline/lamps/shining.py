@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.images.frames import Mask
-from pipeline.images.memory import releasable
 from pipeline.lamps.lamps import FindLamps, Lamps
 from pipeline.matrixfit.unexplained import left_over
-from pipeline.pair.pair import Pair
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 
@@ -59,15 +57,6 @@ def without_shining(
     if _left_over(reduced, place, of_rest) <= much * _SURELY_LEFT:
         return None
     return WithoutShining(rest, of_rest, place)
-
-
-def unusable_where(shining: Mask, pair: Pair, block: int) -> Pair:
-    """The pair, unusable in blocks (h, w) of so many pixels to a side that shine themselves."""
-    unusable = pair.unusable.copy()
-    height, width = (block * blocks for blocks in shining.shape)
-    inside = unusable[:height, :width]
-    inside |= shining.repeat(block, axis=0).repeat(block, axis=1)[: len(inside), : inside.shape[1]]
-    return replace(pair, unusable=releasable(unusable))
 
 
 def shining_warning(share: float) -> RunWarning:

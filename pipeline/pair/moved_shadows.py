@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 
 from pipeline.arrays import Floats, Floats32
 from pipeline.images.disc import disc
@@ -29,7 +30,7 @@ _UNLIKE = 0.8  # of a step of the flash part, by which the other photograph's di
 _SPECK = 12  # blocks; fewer are chance
 _REACH = 40.0  # blocks beside a step, of which it tells
 _APART, _FAR_APART = 0.1, 0.2  # natural logarithm of colour, from most of the picture's
-_RIM = 5  # blocks beside what is apart
+_RIM, _FAR_RIM = 5, 2  # blocks beside what is apart
 _LEAST_LEFT = 1 / 3  # of the usable blocks; else there are no surfaces to tell by
 _NOTABLE = 0.05  # share; still pairs have up to .046
 
@@ -38,11 +39,13 @@ _NOTABLE = 0.05  # share; still pairs have up to .046
 class MovedShadows:
     """What find_moved_shadows finds.
 
-    places: bool (h, w), the blocks that lamps are not to be told by. share: of the usable blocks,
-    0…1, those that moved shadows surely lie in.
+    places: bool (h, w), the blocks that lamps are not to be told by. surely: (h, w), those among
+    them that a moved shadow lies in, whose layers no flash part tells. share: of the usable blocks,
+    0…1, as much is so without the blocks beside.
     """
 
     places: Mask
+    surely: Mask
     share: float
 
 
@@ -74,25 +77,32 @@ def find_moved_shadows(reduced: ReducedPair, something_moved: bool) -> MovedShad
     share = float(np.mean(apart[known] > _FAR_APART))
     if not something_moved and share <= _NOTABLE:
         return None
-    found = cv2.dilate((apart > _APART).astype(np.uint8), disc(_RIM)) > 0
-    places = np.zeros_like(usable)
-    height, width = (side * blocks for blocks in found.shape)
-    places[:height, :width] = found.repeat(side, axis=0).repeat(side, axis=1)
-    places &= usable
+    places, surely = (
+        usable & _enlarged(cv2.dilate((apart > least).astype(np.uint8), disc(rim)), side, usable)
+        for least, rim in ((_APART, _RIM), (_FAR_APART, _FAR_RIM))
+    )
     if np.count_nonzero(places) > (1 - _LEAST_LEFT) * np.count_nonzero(usable):
         return None
-    return MovedShadows(places, share)
+    return MovedShadows(places, surely, share)
 
 
 def moved_shadows_warning(share: float) -> RunWarning:
     """Tell of what was left out, and what to do. share: of the picture, 0…1."""
     message = (
         f"In {share:.1%} of the picture light of the lamps is in what the flash added, as where a "
-        "shadow moved between the photographs: no lamp was told by it, and layers are wrong there. "
-        "Keep people and things still, yourself among them, and take the two photographs in quick "
-        "succession."
+        "shadow moved between the photographs: no lamp was told by it, and its layers are filled "
+        "in from their surroundings. Keep people and things still, yourself among them, and take "
+        "the two photographs in quick succession."
     )
     return RunWarning(Code.MOVED, message, {"share": share})
+
+
+def _enlarged(blocks: MatLike, side: int, usable: Mask) -> Mask:
+    """Which blocks (h, w) of usable lie in these larger ones, so many to a side; no other does."""
+    inside = np.zeros_like(usable)
+    height, width = (side * larger for larger in blocks.shape)
+    inside[:height, :width] = (blocks > 0).repeat(side, axis=0).repeat(side, axis=1)
+    return inside
 
 
 def _unlike_steps(no_flash: Floats, flash: Floats, variance: Floats, known: Mask) -> Floats32:

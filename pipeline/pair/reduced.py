@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.arrays import Floats, Floats32
 from pipeline.images.blocks import Blocks, blocks_within
 from pipeline.images.frames import Image, Mask
+from pipeline.images.memory import releasable
 from pipeline.images.noise import Noise
 from pipeline.images.sigma_filter import ROUNDS, sigma_filter
 from pipeline.images.strips import strips, widened
@@ -125,6 +126,15 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         offset=pair.registration_px / block,
         flash_only=pair.flash_only,
     )
+
+
+def unusable_where(blocks: Mask, pair: Pair, block: int) -> Pair:
+    """The pair, unusable in these blocks (h, w) of its reduced one too, block pixels to a side."""
+    unusable = pair.unusable.copy()
+    height, width = (block * side for side in blocks.shape)
+    inside = unusable[:height, :width]
+    inside |= blocks.repeat(block, axis=0).repeat(block, axis=1)[: len(inside), : inside.shape[1]]
+    return replace(pair, unusable=releasable(unusable))
 
 
 def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[Floats32, Image, Image]:

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.images.frames import Mask
 from pipeline.lamps.lamps import Lamps
-from pipeline.lamps.shining import shining_warning, unusable_where, without_shining
+from pipeline.lamps.shining import shining_warning, without_shining
 from pipeline.options import LampCount
 from pipeline.pair.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, reduced_pair
@@ -241,30 +241,6 @@ def test_where_the_rest_tells_no_lamps_nothing_is_left_out(
         raise problem
 
     assert without_shining(room(), lamps, refuse) is None
-
-
-def test_its_pixels_become_unusable_beside_those_that_are(pair_of: Build) -> None:
-    """Blocks of 3 × 3 pixels; the picture has two columns and a row more than these."""
-    before = np.zeros((7, 11, 3), np.float32)
-    unusable = np.zeros((7, 11), bool)
-    unusable[6, 10] = True
-    pair = pair_of(before, before, unusable=unusable.copy())
-    shining = np.array([[False, True, False], [False, False, True]])
-
-    found = unusable_where(shining, pair, 3).unusable
-
-    expected = np.zeros((7, 11), bool)
-    expected[:3, 3:6] = expected[3:6, 6:9] = expected[6, 10] = True
-    np.testing.assert_array_equal(found, expected)
-    np.testing.assert_array_equal(pair.unusable, unusable)
-
-
-def test_a_picture_smaller_than_its_block_is_unusable_as_a_whole(pair_of: Build) -> None:
-    before = np.zeros((2, 9, 3), np.float32)
-
-    found = unusable_where(np.ones((1, 3), bool), pair_of(before, before), 3)
-
-    assert found.unusable.all()
 
 
 def test_the_warning_says_where_and_what_to_do() -> None:

@@ -99,6 +99,8 @@ def test_a_shadow_that_went_or_came_is_found_between_its_edges(
     found = shadows(pair(before, after, noise, soft=soft), something_moved)
 
     assert found.places[_FIRST].mean() > 0.9
+    assert found.surely[_FIRST].mean() > 0.5
+    assert not (found.surely & ~found.places).any()
     assert found.share > 0.05
     far = np.ones((HEIGHT, WIDTH), bool)
     far[20:, :75] = False
@@ -112,6 +114,8 @@ def test_a_shadow_that_moved_on_is_found_where_it_was_and_where_it_is() -> None:
 
     assert found.places[here].mean() > 0.9
     assert found.places[there].mean() > 0.9
+    for place in (here, there):
+        assert found.surely[place].mean() > 0.8
 
 
 @pytest.mark.parametrize(
@@ -122,6 +126,7 @@ def test_the_fainter_a_shadow_is_the_less_is_told(depth: float, marked: bool, to
     scene = pair(_FIRST, None, depth=depth)
 
     assert shadows(scene).places.any() == marked
+    assert shadows(scene).surely.any() == told
     assert (find_moved_shadows(scene, False) is not None) == told
 
 

@@ -9,7 +9,7 @@ import pytest
 from pipeline.arrays import Floats32
 from pipeline.images.noise import Noise
 from pipeline.pair.misregistration import softened
-from pipeline.pair.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair, unusable_where
 
 
 def even(height: int, width: int, value: float) -> Floats32:
@@ -291,3 +291,31 @@ def test_it_is_told_whether_a_rendering_has_bent_the_values(
     pair = pair_of(even(40, 60, 0.1), even(40, 60, 0.2), rendered=rendered)
 
     assert reduce_pair(pair).rendered is rendered
+
+
+def test_pixels_of_blocks_become_unusable_beside_those_that_are(
+    pair_of: Callable[..., Any],
+) -> None:
+    """Blocks of 3 × 3 pixels; the picture has two columns and a row more than these."""
+    before = np.zeros((7, 11, 3), np.float32)
+    unusable = np.zeros((7, 11), bool)
+    unusable[6, 10] = True
+    pair = pair_of(before, before, unusable=unusable.copy())
+    blocks = np.array([[False, True, False], [False, False, True]])
+
+    found = unusable_where(blocks, pair, 3).unusable
+
+    expected = np.zeros((7, 11), bool)
+    expected[:3, 3:6] = expected[3:6, 6:9] = expected[6, 10] = True
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(pair.unusable, unusable)
+
+
+def test_a_picture_smaller_than_its_block_is_unusable_as_a_whole(
+    pair_of: Callable[..., Any],
+) -> None:
+    before = np.zeros((2, 9, 3), np.float32)
+
+    found = unusable_where(np.ones((1, 3), bool), pair_of(before, before), 3)
+
+    assert found.unusable.all()
