@@ -61,6 +61,8 @@ def settled_ratio(
     colours do not tell a ratio: a white balance that differs looks like one. A ratio that was given
     or written is kept, one that nobody knows is estimated where that is safe.
     """
+    if ratio.source == "pixels":
+        return ratio, [_estimated(ratio.value)]
     by_colours = None if rendered else find_exposure_ratio(ratios)
     if by_colours is not None:
         return _held_against_colours(ratio, ratios, by_colours)
@@ -100,19 +102,22 @@ def _held_against_colours(
         return ratio, _doubted_if_darker(ratio, ratios, False)
     shown = ratio.value * factor
     if ratio.source == "assumed":
-        message = (
-            f"The files do not say how they were exposed. With a ratio of {shown:.3g} the flash's "
-            "light has one colour on one surface, with equal exposures it has not, so that ratio "
-            "was taken. Pass the exposure ratio if you know it."
-        )
-        found = ExposureRatio(shown, "pixels")
-        return found, [RunWarning(Code.EXPOSURE_ESTIMATED, message, {"ratio": shown})]
+        return ExposureRatio(shown, "pixels"), [_estimated(shown)]
     message = (
         f"{_said(ratio)}, {ratio.value:.3g}, does not fit: with it the flash's light has many "
         f"colours on one surface, with {shown:.3g} it has one. {_ADVICE}"
     )
     figures = {"ratio": ratio.value, "ratio_shown": shown}
     return ratio, [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
+
+
+def _estimated(ratio: float) -> RunWarning:
+    message = (
+        f"The files do not say how they were exposed. With a ratio of {ratio:.3g} the flash's "
+        "light has one colour on one surface, with equal exposures it has not, so that ratio "
+        "was taken. Pass the exposure ratio if you know it."
+    )
+    return RunWarning(Code.EXPOSURE_ESTIMATED, message, {"ratio": ratio})
 
 
 def _doubted_if_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> list[RunWarning]:

@@ -27,7 +27,7 @@ _WIDTHS = ((0.06, 0.15), (0.03, 0.08))
 _BRIGHT = 0.9  # quantile of the flash photograph's values that is taken for white
 _LEAST_RATIO = 0.02  # quantile of the blocks' ratios, about the greatest ratio that may be
 _LEAST_SPREAD = 0.1  # natural logarithm, of the median over that: else the flash part is noise
-_BELOW, _ABOVE, _STEP = 2.5, 0.3, 0.1  # natural logarithms, from there
+BELOW, _ABOVE, _STEP = 2.5, 0.3, 0.1  # natural logarithms, from there
 _LAST_STEP = 0.002
 LEAST_HEIGHT, _SURE = 2.0, 1.5  # % of the pairs; times the height at the ratio that was told
 _CLOSE = 0.06  # natural logarithm
@@ -44,8 +44,8 @@ def find_exposure_ratio(ratios: Ratios) -> float | None:
     if seen is None:
         return None
     light, most = seen
-    lowest = float(np.log(most)) - _BELOW
-    found, height = _highest(light, float(np.log(most)))
+    lowest = float(np.log(most)) - BELOW
+    found, height = highest_peak(light, float(np.log(most)))
     if height < max(LEAST_HEIGHT, _SURE * height_of(light, lowest)):
         return None
     if abs(found) < _CLOSE:
@@ -58,7 +58,13 @@ def light_of_pairs(ratios: Ratios) -> tuple[Floats64, float] | None:
 
     None where little tells, as of find_exposure_ratio. The light is relative to bright places.
     """
-    no_flash, flash, known = larger_blocks(ratios)
+    return pairs_that_tell(*larger_blocks(ratios))
+
+
+def pairs_that_tell(
+    no_flash: Floats64, flash: Floats64, known: Mask
+) -> tuple[Floats64, float] | None:
+    """As light_of_pairs, of larger blocks as larger_blocks makes them."""
     if not known.any():
         return None
     quotients = flash / no_flash
@@ -83,17 +89,23 @@ def height_of(light: Floats64, log: float) -> float:
 
 def larger_blocks(ratios: Ratios) -> tuple[Floats64, Floats64, Mask]:
     """Both photographs (h, w, 3) > 0 in larger blocks, and which tell: half of each is usable."""
-    side = -(-max(ratios.usable.shape) // LONG_SIDE)
     flash = ratios.no_flash * np.exp(ratios.logs)
-    usable = ratios.usable[..., None].astype(np.float64)
-    count = sums_of_blocks(usable, side)
+    return means_of_usable(ratios.no_flash, flash, ratios.usable)
+
+
+def means_of_usable(
+    no_flash: Floats64, flash: Floats64, usable: Mask
+) -> tuple[Floats64, Floats64, Mask]:
+    """As larger_blocks, of smaller blocks (h, w, 3) of which some (h, w) are usable."""
+    side = -(-max(usable.shape) // LONG_SIDE)
+    counted = usable[..., None].astype(np.float64)
+    count = sums_of_blocks(counted, side)
     means = [
-        sums_of_blocks(each * usable, side) / np.maximum(count, 1.0)
-        for each in (ratios.no_flash, flash)
+        sums_of_blocks(each * counted, side) / np.maximum(count, 1.0) for each in (no_flash, flash)
     ]
     known = np.asarray(count[..., 0] >= side**2 / 2)
-    no_flash, flash = (np.where(known[..., None], mean, 1.0) for mean in means)
-    return no_flash, flash, known
+    first, second = (np.where(known[..., None], mean, 1.0) for mean in means)
+    return first, second, known
 
 
 def sums_of_blocks(blocks: Floats64, side: int) -> Floats64:
@@ -103,13 +115,13 @@ def sums_of_blocks(blocks: Floats64, side: int) -> Floats64:
     return np.asarray(cropped.reshape(height, side, width, side, -1).sum(axis=(1, 3)))
 
 
-def _highest(light: Floats64, most: float) -> tuple[float, float]:
+def highest_peak(light: Floats64, most: float) -> tuple[float, float]:
     """Natural logarithm of the ratio with the highest peak, and its height.
 
     light: (4, n, 3), as of Seen. most: logarithm of about the greatest ratio. The height is 0 where
     the peak is highest at an end, as the lamps' own light in few colours makes it.
     """
-    grid = np.arange(most - _BELOW, most + _ABOVE, _STEP)
+    grid = np.arange(most - BELOW, most + _ABOVE, _STEP)
     place = int(np.argmax([_height(light, float(log), _WIDTHS[0]) for log in grid]))
     if place in (0, len(grid) - 1):
         return 0.0, 0.0

@@ -41,7 +41,8 @@ _OFFSETS = (
 """(rows, columns) in blocks from a place to its neighbours."""
 _MOST_PAIRS, _FEW_PAIRS = 10_000, 1_000
 _CODES = (0.05, 0.985)  # code values between which blocks tell
-_LEAST_LIGHT = 1e-3  # of white
+LEAST_LIGHT = 1e-3
+"""Of white, that a block must have to tell colours."""
 _LEAST_FLASH = 2e-3
 _LEAST_APART = 0.1  # of the lamps' share of the flash photograph
 _CODE_NOISE, _CODE_POWER = 0.005, 2.2  # of code values; of light over them, about
@@ -125,6 +126,13 @@ class PairBlocks:
     known: Mask
     side: int
 
+    @cached_property
+    def telling(self) -> Mask:
+        """Known blocks (h, w) that are neither dark nor near white in either photograph."""
+        codes = linear_to_srgb(self.srgb)
+        dark = codes.min(axis=(0, 3)) <= _CODES[0]
+        return np.asarray(self.known & ~dark & (codes.max(axis=(0, 3)) < _CODES[1]))
+
 
 @dataclass(frozen=True)
 class Neighbours:
@@ -195,12 +203,9 @@ def find_neighbours(blocks: PairBlocks, ratio: float) -> Neighbours | None:
     None where there are too few to tell anything. ratio: of the exposures, flash photograph ÷
     other.
     """
-    codes = linear_to_srgb(blocks.srgb)
-    known = blocks.known & (codes.min(axis=(0, 3)) > _CODES[0])
-    known &= codes.max(axis=(0, 3)) < _CODES[1]
     light = blocks.srgb @ TO_SENSOR.T
-    known &= light.min(axis=(0, 3)) > _LEAST_LIGHT
-    lamps = light[0] * ratio / np.maximum(light[1], _LEAST_LIGHT)
+    known = blocks.telling & (light.min(axis=(0, 3)) > LEAST_LIGHT)
+    lamps = light[0] * ratio / np.maximum(light[1], LEAST_LIGHT)
     pairs = pairs_apart(lamps, known, _OFFSETS, _FEW_PAIRS)
     if pairs is None:
         return None

@@ -124,7 +124,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         flash, pixels = rendering.off_flash(flash, laid.pixels)
         laid = replace(laid, pixels=pixels)
     progress.report("align", 0.65)
-    held = _held_against(no_flash, flash, laid, written, options, progress)
+    known = rendering.ratio or written
+    held = _held_against(no_flash, flash, laid, known, options, progress)
     progress.report("align", 0.9)
     pair = Pair(
         no_flash=no_flash.pixels,
@@ -148,7 +149,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         warnings=(
             *orientation_warnings(no_flash, flash),
             *baseline_warnings(no_flash, flash, written),
-            *(rendering_warnings(no_flash, flash, written.value, rendering) if rendered else ()),
+            *(rendering_warnings(no_flash, flash, known.value, rendering) if rendered else ()),
             *alignment_warnings(laid.alignment),
             *held.warnings,
             *copy_warnings(no_flash.pixels, held.flash, options.flash_only),

@@ -12,6 +12,7 @@ from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.find_local_tone_mapping import find_local_tone_mapping
+from pipeline.pair.find_rendered_ratio import find_rendered_ratio
 from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.one_surface import average_pair, find_neighbours
@@ -23,11 +24,13 @@ class Rendering:
     """What is to be taken off, None where nothing was found.
 
     tone: the contrast on top of sRGB's curve. mapping, balance: of the flash photograph alone.
+    ratio: of the exposures, where nobody knew it and the pair told it.
     """
 
     tone: ToneCurve | None = None
     mapping: LocalToneMapping | None = None
     balance: BalanceChange | None = None
+    ratio: ExposureRatio | None = None
 
     def off_no_flash(self, frame: Frame) -> Frame:
         """The photograph without the flash, in light."""
@@ -57,23 +60,25 @@ def find_rendering(
     """Ask a pair what its camera made of it.
 
     laid: the flash photograph (H, W, 3) as it lies on the other. unusable: (H, W), of either.
-    ratio: where nobody knows it, only a contrast is looked for, as the others look like one.
+    ratio: where nobody knows it, it and a contrast are looked for, as the others look like one.
     """
     blocks = average_pair(no_flash.pixels, laid, unusable)
-    neighbours = find_neighbours(blocks, ratio.value)
-    if neighbours is None:
-        return Rendering()
     known = ratio.source != "assumed"
+    shown = None if known else find_rendered_ratio(blocks)
+    found = None if shown is None else ExposureRatio(ratio.value * shown, "pixels")
+    neighbours = find_neighbours(blocks, (found or ratio).value)
+    if neighbours is None:
+        return Rendering(ratio=found)
     balances_differ = known and _balances_may_differ(no_flash, flash)
     balance = find_balance_change(neighbours) if balances_differ else None
     mapping = find_local_tone_mapping(blocks, neighbours, balance) if known else None
     if mapping is not None:
         neighbours = neighbours.brightened_by(mapping.logs)
         balance = find_balance_change(neighbours) if balances_differ else None
-    tone = find_tone_curve(neighbours, balance, known)
+    tone = find_tone_curve(neighbours, balance, known or found is not None)
     if balance is not None:
         balance, tone = settle_balance_change(neighbours, balance, tone)
-    return Rendering(tone, mapping, balance)
+    return Rendering(tone, mapping, balance, found)
 
 
 def _balances_may_differ(no_flash: Frame, flash: Frame) -> bool:

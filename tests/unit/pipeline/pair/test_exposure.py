@@ -192,7 +192,16 @@ def test_a_ratio_that_colours_contradict_is_kept_and_doubted(source: str, said: 
     assert warning.figures["ratio_shown"] == pytest.approx(1.0, rel=0.03)
 
 
-def test_colours_of_rendered_photographs_tell_no_ratio() -> None:
+def test_a_ratio_that_the_pair_told_before_is_kept_and_told_of() -> None:
+    ratio = ExposureRatio(0.7, "pixels")
+
+    found, (warning,) = settled_ratio(ratio, in_shadows(2.0), rendered=True)
+
+    assert found == ratio
+    assert (warning.code, warning.figures) == ("exposure_estimated", {"ratio": 0.7})
+
+
+def test_colours_of_rendered_photographs_tell_no_ratio_here() -> None:
     ratio = ExposureRatio(1.0, "assumed")
 
     found, (warning,) = settled_ratio(ratio, in_shadows(0.5), rendered=True)

@@ -205,6 +205,41 @@ def test_where_exposures_are_not_known_a_contrast_alone_is_looked_for(
     assert (pair.tone_curve, pair.local_tone_mapping, pair.balance_change) == (TONE, None, None)
 
 
+@pytest.mark.parametrize("places", [True, False])
+def test_a_ratio_that_nobody_knows_is_taken_from_the_pair(
+    frames: Build, search: Callable[..., Given], monkeypatch: pytest.MonkeyPatch, places: bool
+) -> None:
+    """A contrast is looked for with it, and neither a mapping nor a balance."""
+    before, after = rendered(frames, exposure=Exposure())
+    given = search()
+    monkeypatch.setattr("pipeline.pair.rendering.find_rendered_ratio", lambda _: 0.8)
+    if not places:
+        monkeypatch.setattr("pipeline.pair.rendering.find_neighbours", lambda *_: None)
+
+    pair = paired((before, after))
+
+    assert (pair.exposure_ratio, pair.exposure_source) == (0.8, "pixels")
+    assert [one[0].ratio for one in given["tone"]] == [0.8] * places
+    assert [one[1:] for one in given["tone"]] == [(None, True)] * places
+    assert (given["mapping"], given["balance"]) == ([], [])
+    np.testing.assert_allclose(pair.flash[:], after.pixels[:] / 0.8, rtol=1e-5)
+    codes = [one.code for one in pair.warnings]
+    assert Code.EXPOSURE_ESTIMATED in codes
+    assert Code.RENDERED_EXPOSURES_DIFFER in codes
+    assert Code.EXPOSURE_ASSUMED not in codes
+
+
+def test_a_ratio_that_was_given_is_not_asked_for(
+    frames: Build, search: Callable[..., Given], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search()
+    monkeypatch.setattr("pipeline.pair.rendering.find_rendered_ratio", lambda _: 0.8)
+
+    pair = paired(rendered(frames), exposure_ratio=1.0)
+
+    assert (pair.exposure_ratio, pair.exposure_source) == (1.0, "option")
+
+
 def test_where_few_places_tell_nothing_is_looked_for(
     frames: Build, search: Callable[..., Given], monkeypatch: pytest.MonkeyPatch
 ) -> None:
