@@ -58,8 +58,8 @@ def settled_ratio(
     """Hold a ratio against the pixels; returns the one to use and what to warn of.
 
     ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it, whose
-    colours do not tell a ratio: a white balance that differs looks like one. A ratio that was given
-    or written is kept, one that nobody knows is estimated where that is safe.
+    colours do not tell a ratio here: find_rendered_ratio was asked before. A ratio that was given,
+    written or told by that is kept, one that nobody knows is estimated where that is safe.
     """
     if ratio.source == "pixels":
         return ratio, [_estimated(ratio.value)]

@@ -17,7 +17,6 @@ from pipeline.pair.balance_change import TO_SENSOR
 from pipeline.pair.find_balance_change import find_balance_change
 from pipeline.pair.find_exposure_ratio import (
     BELOW,
-    LEAST_HEIGHT,
     height_of,
     highest_peak,
     means_of_usable,
@@ -32,6 +31,7 @@ _STEEPEST = 1.0  # S, as for local tone mapping: a steeper one takes the colour 
 _PAIRS = 2_000
 _LESS_CONTRAST = 0.3  # natural logarithm that a peak through a contrast counts less by
 _SURE = 1.5  # times the height with equal exposures, and that of the flash photograph itself
+_LEAST_HEIGHT = 3.0  # % of the pairs; what compression leaves reaches 2.6
 _WIDTHS = (0.03, 0.08)
 _ABOUT_AS_HIGH = 0.8  # of that height by a balance that differs, and the ratio is not taken
 _SHORTER = 0.94  # cameras expose the flash photograph shorter; a balance that differs looks longer
@@ -51,7 +51,7 @@ def find_rendered_ratio(blocks: PairBlocks) -> float | None:
         return None
     best = max(found, key=lambda peak: peak.height)
     equal = max(peak.equal for peak in found)
-    if best.height < max(LEAST_HEIGHT, _SURE * max(equal, best.itself)):
+    if best.height < max(_LEAST_HEIGHT, _SURE * max(equal, best.itself)):
         return None
     ratio = float(np.exp(best.log))
     return ratio if ratio < _SHORTER and not _balance_explains(blocks, best) else None
