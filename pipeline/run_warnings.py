@@ -30,6 +30,7 @@ class Code(StrEnum):
     MOVED = "moved"
     LIGHT_CHANGED = "light_changed"
     FLICKER = "flicker"
+    VIGNETTING = "vignetting"
     FLASH_LIKE_LAMPS = "flash_like_lamps"
     FLASH_TOO_WEAK = "flash_too_weak"
     CLIPPED = "clipped"

@@ -17,6 +17,7 @@ from pipeline.pair.estimate_noise import estimate_noises
 from pipeline.pair.exposure import ExposureRatio, settled_ratio, written_ratio
 from pipeline.pair.find_banding import find_banding
 from pipeline.pair.find_encoding import looks_encoded
+from pipeline.pair.find_vignetting import find_vignetting
 from pipeline.pair.flow import residual_flow, warp_along
 from pipeline.pair.local_tone_mapping import LocalToneMapping
 from pipeline.pair.motion import find_moved
@@ -34,6 +35,7 @@ from pipeline.pair.pair_warnings import (
     orientation_warnings,
     rendering_warnings,
     rows_are_columns,
+    vignetting_warnings,
 )
 from pipeline.pair.ratios import block_ratios, brightening, darker_share
 from pipeline.pair.relative_blur import blurred, blurred_mask, find_relative_blur
@@ -236,6 +238,11 @@ def _held_against(
     if banding is not None:
         after = banding.off(before, after)
         ratios = block_ratios(before, after, unusable, noises)
+    look = not (rendered or encoded) and banding is None  # less than one band looks alike
+    vignetting = find_vignetting(ratios) if look else None
+    if vignetting is not None:
+        after = vignetting.off(after)
+        ratios = block_ratios(before, after, unusable, noises)
     settled, doubts = ratio, encoding_warnings()
     if not encoded:  # such values tell no ratio
         settled, doubts = settled_ratio(ratio, ratios, rendered)
@@ -259,6 +266,7 @@ def _held_against(
         warnings += darkening_warnings(settled, ratios, darkened)
     warnings += moved_warnings(moved)
     warnings += flicker_warnings(ratios, banding, by_columns)
+    warnings += vignetting_warnings(vignetting)
     return _Held(after, noises, settled, unusable, moved, tuple(warnings))
 
 

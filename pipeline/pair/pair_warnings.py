@@ -18,6 +18,7 @@ from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur
 from pipeline.pair.rendering import Rendering
+from pipeline.pair.vignetting import Vignetting
 from pipeline.run_warnings import Code, RunWarning
 
 NOTABLE_MOTION = 0.002
@@ -203,6 +204,22 @@ def flicker_warnings(ratios: Ratios, banding: Banding | None, by_columns: bool) 
         "the mains has 60 Hz), or use the mechanical shutter."
     )
     return [RunWarning(Code.FLICKER, message, {"height": height})]
+
+
+def vignetting_warnings(vignetting: Vignetting | None) -> list[RunWarning]:
+    """Tell of corners that were darker in one photograph, and what came of it."""
+    if vignetting is None:
+        return []
+    corners = vignetting.corners
+    darker, other = (FLASH, NO_FLASH) if corners < 0 else (NO_FLASH, FLASH)
+    share = -corners if corners < 0 else corners / (1 + corners)
+    message = (
+        f"The corners of the {darker} are {share:.0%} darker than those of the {other}, by "
+        "another aperture or a lens correction of one of them. The pair shows it, and it was taken "
+        "off the flash photograph as far as a pair tells: use one aperture, and the same lens "
+        "correction for both or none."
+    )
+    return [RunWarning(Code.VIGNETTING, message, {"corners": corners})]
 
 
 def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[RunWarning]:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.arrays import Floats32
 from tests.evaluation.capture import Balance, Contrast, Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
@@ -37,6 +38,7 @@ class Condition:
     walk: of a person between the photographs, in widths of the picture; 0 where there is none.
     lamp_change: by how much brighter the first lamp is in the flash photograph, of itself.
     bands: height of the bands, in the flash photograph, of lamps that flicker, of their light.
+    vignetting: by how much the flash photograph's corners are darker than the other's, of itself.
     camera, flash: names to be told, None for the right ones, by its table where the product does
     not know the camera by name; nothing is told with a JPEG, whose
     colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
@@ -55,6 +57,7 @@ class Condition:
     walk: float = 0.0
     lamp_change: float = 0.0
     bands: float = 0.0
+    vignetting: float = 0.0
     camera: str | None = None
     camera_told: bool = True
     flash: str | None = None
@@ -80,6 +83,9 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
             np.float32
         )
         rendered = replace(rendered, flash_frame=rendered.flash_frame + more)
+    if condition.vignetting:
+        less = np.float32(condition.vignetting) * _squared_radius(condition.size)
+        rendered = replace(rendered, flash_frame=rendered.flash_frame * (1 - less[..., None]))
     if condition.files == "jpeg":
         taken = capture_jpeg(rendered, condition.contrast, condition.balance, condition.mapping)
     else:
@@ -108,6 +114,14 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         coefficients=None if condition.files == "jpeg" else seen,
     )
     return shot if condition.contrast == "none" else _on_its_scale(shot)
+
+
+def _squared_radius(size: tuple[int, int]) -> Floats32:
+    """Squared distance (H, W) from the middle of a picture, 1 in its corners."""
+    width, height = size
+    y, x = np.mgrid[:height, :width] + 0.5
+    squared = (x - width / 2) ** 2 + (y - height / 2) ** 2
+    return np.asarray(squared / ((width / 2) ** 2 + (height / 2) ** 2), np.float32)
 
 
 def _on_its_scale(shot: Shot) -> Shot:

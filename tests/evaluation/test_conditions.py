@@ -23,6 +23,21 @@ def test_a_lamp_that_changes_is_brighter_in_the_flash_photograph_alone() -> None
     np.testing.assert_array_equal(shot.truth, rendered.lamps)
 
 
+def test_the_flash_photograph_alone_is_darker_in_its_corners() -> None:
+    scene = scenes("two", "development")[0]
+    rendered = render_scene(scene, (64, 48))
+
+    shot = make_shot(scene, Condition(size=(64, 48), vignetting=0.3))
+
+    before, after = (decode(file, "linear").pixels[:] for file in shot.files)
+    np.testing.assert_array_equal(before, rendered.no_flash_frame)
+    factor = after / rendered.flash_frame
+    np.testing.assert_allclose(factor[0, 0], 0.7, atol=0.02)
+    np.testing.assert_allclose(factor[24, 32], 1.0, atol=1e-3)
+    np.testing.assert_allclose(factor[0, 32], 1 - 0.3 * 24**2 / (24**2 + 32**2), atol=5e-3)
+    np.testing.assert_array_equal(shot.truth, rendered.lamps)
+
+
 def test_a_person_walks_on_between_the_photographs() -> None:
     scene = scenes("two", "development")[0]
     size = 64, 48

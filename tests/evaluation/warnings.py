@@ -75,6 +75,7 @@ _WRONG_RATIO = Condition(lights="auto", exposure_ratio=1.5)
 _SHAKEN = Condition(lights="auto", files="noisy", shake_px=4.0)
 _UNSTEADY = Condition(lights="auto", files="noisy", lamp_change=0.2)
 _BANDED = Condition(lights="auto", files="noisy", bands=0.2)
+_VIGNETTED = Condition(lights="auto", files="noisy", vignetting=0.3)
 _JPEG = Condition(lights="auto", files="jpeg")
 _WALKED = Condition(lights="auto", files="noisy", walk=0.05)
 _MAPPED = Condition(lights="auto", files="jpeg", mapping=0.3)
@@ -100,6 +101,7 @@ CASES = (
     Case("shaken by 4 px, sensor noise", "two", _SHAKEN, Code.BLURRED, most=3),
     Case("a lamp 20 % brighter with the flash, sensor noise", "two", _UNSTEADY, Code.LIGHT_CHANGED),
     Case("bands of lamps that flicker, sensor noise", "two", _BANDED, Code.FLICKER, most=3),
+    Case("darker corners with the flash, sensor noise", "two", _VIGNETTED, Code.VIGNETTING, most=3),
     Case("a person walks by 5 % of the width, sensor noise", "two", _WALKED, Code.MOVED, most=3),
     Case("JPEG", "two", _JPEG, Code.RENDERED_SRGB),
     Case("JPEG, locally tone mapped", "two", _MAPPED, Code.LOCAL_TONE_MAPPING, _plain, 3),

@@ -22,10 +22,12 @@ from pipeline.pair.pair_warnings import (
     moved_warnings,
     rendering_warnings,
     rows_are_columns,
+    vignetting_warnings,
 )
 from pipeline.pair.ratios import Ratios
 from pipeline.pair.relative_blur import RelativeBlur
 from pipeline.pair.rendering import Rendering
+from pipeline.pair.vignetting import Vignetting
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
 
@@ -241,6 +243,23 @@ def test_bands_that_were_taken_off_are_told_with_their_height() -> None:
     assert warning.message.startswith("Bands of 20.0% of the light run across the picture: a lamp")
     assert "it was taken off as far as a pair tells: expose for a multiple" in warning.message
     assert warning.figures == {"height": pytest.approx(0.2)}
+
+
+@pytest.mark.parametrize(
+    ("corners", "said"),
+    [
+        (-0.25, "The corners of the photograph with the flash are 25% darker than those of the ph"),
+        (0.25, "The corners of the photograph without the flash are 20% darker than those of the"),
+    ],
+)
+def test_the_photograph_with_the_darker_corners_is_told(corners: float, said: str) -> None:
+    (warning,) = vignetting_warnings(Vignetting(corners))
+
+    assert warning.code == "vignetting"
+    assert warning.message.startswith(said)
+    assert "use one aperture" in warning.message
+    assert warning.figures == {"corners": corners}
+    assert vignetting_warnings(None) == []
 
 
 def test_lamps_that_flicker_are_told_of_an_upright_pair(frame: Callable[..., Frame]) -> None:
