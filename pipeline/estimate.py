@@ -105,17 +105,18 @@ def _undisturbed(
     something_moved: whether the photographs show other things, as the pair tells itself.
     """
     moved = find_moved_shadows(reduced, something_moved)
-    left_out, warnings = np.zeros_like(reduced.usable), []
     if moved is not None:
-        left_out = moved.surely
-        reduced = replace(reduced, usable=reduced.usable & ~moved.surely)
         find = _finding_beside(moved.places, find)
-    lamps = find(reduced, number)
+    lamps, warnings = find(reduced, number), []
+    left_out = np.zeros_like(reduced.usable)
     if (rest := without_shining(reduced, lamps, find)) is not None:
-        reduced, lamps, left_out = rest.reduced, rest.lamps, left_out | rest.shining
+        reduced, lamps, left_out = rest.reduced, rest.lamps, rest.shining
         warnings.append(shining_warning(float(rest.shining.mean())))
-    if moved is not None and not something_moved:
-        warnings.append(moved_shadows_warning(moved.share))
+    if moved is not None:
+        reduced = replace(reduced, usable=reduced.usable & ~moved.surely)
+        left_out = left_out | moved.surely
+        if not something_moved:
+            warnings.append(moved_shadows_warning(moved.share))
     # lamps whose shadows moved seem to have changed
     still = moved is None and not something_moved
     if still and (steady := without_change(reduced, lamps, find)) is not None:

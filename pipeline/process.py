@@ -96,7 +96,7 @@ def separate_files(
         *_of_camera(asked.names_camera, before, pair, estimate, build),
         *estimate.warnings,
         *passed_over,
-        *white_warnings(pair.no_flash, pair.clipping, wanted),
+        *white_warnings(pair.photograph, pair.clipping, wanted),
     ]
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
@@ -181,18 +181,18 @@ def _write_outputs(
     strip_rows: int,
 ) -> Written:
     """Separate strip by strip, giving back what memory of the pair that takes."""
-    basis = mix_basis(pair.no_flash, pair.clipping, estimate.lamps, estimate.model)
+    basis = mix_basis(pair.photograph, pair.clipping, estimate.lamps, estimate.model)
     small = overview(pair, estimate, options.method, wanted)
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
-    photograph, way = pair.no_flash, options.normals
+    photograph, way = pair.photograph, options.normals
     with Outputs(photograph, pair.clipping, small, estimate, wanted, directory, way) as outputs:
         for pictures in ahead(render(pair, estimate, options, wanted, progress, strip_rows)):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
             done = pictures.rows.start - _LOOKED_BACK
             release_rows(pair.unusable, done)
-            for one in (photograph, pair.flash):
+            for one in (photograph, pair.no_flash, pair.flash):
                 release_photograph(one, done)
         entries = lamp_entries(estimate.lamps, estimate.model, tally.separated)
         files = outputs.finish(entries, progress)

@@ -55,7 +55,10 @@ class Pair:
 
     no_flash, flash: (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
         photograph as given. flash is the flash photograph, laid on the other and divided by
-        exposure_ratio, or the flash part alone when flash_only.
+        exposure_ratio, or the flash part alone when flash_only. One that was sharper is blurred as
+        much as the other.
+    photograph: (H, W, 3), the no-flash photograph as it is, which layers add up to; no_flash
+        itself but where that was blurred.
     unusable: bool (H, W), saturated or transparent in either, without counterpart, or showing
         something that moved.
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
@@ -78,6 +81,7 @@ class Pair:
 
     no_flash: Photograph
     flash: Photograph
+    photograph: Photograph
     unusable: Mask
     flash_only: bool
     exposure_ratio: float
@@ -130,8 +134,9 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     held = _held_against(no_flash, flash, laid, known, options, progress)
     progress.report("align", 0.9)
     pair = Pair(
-        no_flash=no_flash.pixels,
+        no_flash=held.no_flash,
         flash=held.flash,
+        photograph=no_flash.pixels,
         unusable=releasable(held.unusable),
         flash_only=options.flash_only,
         exposure_ratio=held.ratio.value,
@@ -196,6 +201,7 @@ class _Held:
     flash: on the other's scale. The rest as in Pair.
     """
 
+    no_flash: Photograph
     flash: Photograph
     noises: tuple[Noise, Noise]
     ratio: ExposureRatio
@@ -222,14 +228,21 @@ def _held_against(
     unusable = no_flash.unusable | laid.unusable
     noises = _noises(before, after, unusable, no_flash, flash, ratio.value)
     if options.flash_only:
-        return _Held(after, noises, ratio, unusable)
+        return _Held(before, after, noises, ratio, unusable)
     progress.report("align", 0.7)
     ratios = block_ratios(before, after, unusable, noises)
     blur = find_relative_blur(ratios, unusable)
     if blur is not None and blur.no_flash.any():
-        after = blurred(after, blur.kernel, own=after is not flash.pixels)
-        unusable = unusable | blurred_mask(laid.unusable, blur.kernel)
-        noises = noises[0], noises[1].blurred(float(np.square(blur.kernel).sum()))
+        kernel = blur.for_flash
+        after = blurred(after, kernel, own=after is not flash.pixels)
+        unusable = unusable | blurred_mask(laid.unusable, kernel)
+        noises = noises[0], noises[1].blurred(float(np.square(kernel).sum()))
+    if blur is not None and blur.flash.any():
+        kernel = blur.for_no_flash
+        before = blurred(before, kernel)
+        unusable = unusable | blurred_mask(no_flash.unusable, kernel)
+        noises = noises[0].blurred(float(np.square(kernel).sum())), noises[1]
+    if blur is not None:
         ratios = block_ratios(before, after, unusable, noises)
     by_columns = rows_are_columns(unusable.shape, no_flash.orientation)
     undeclared = no_flash.encoding == "linear" and not no_flash.profiled
@@ -267,7 +280,7 @@ def _held_against(
     warnings += moved_warnings(moved)
     warnings += flicker_warnings(ratios, banding, by_columns)
     warnings += vignetting_warnings(vignetting)
-    return _Held(after, noises, settled, unusable, moved, tuple(warnings))
+    return _Held(before, after, noises, settled, unusable, moved, tuple(warnings))
 
 
 def _clipping(no_flash: Frame, flash: Frame, flash_only: bool) -> float:

@@ -140,11 +140,12 @@ def blur_warnings(blur: RelativeBlur) -> list[RunWarning]:
             "shorter exposure, and lock the focus."
         )
         warnings.append(RunWarning(Code.BLURRED, message, {"no_flash_px": blur.no_flash_px}))
-    if blur.flash_px:
+    if blur.flash.any():
         message = (
             f"The {FLASH} is less sharp than the other, by a blur of {blur.flash_px:.2g} pixels "
-            "(standard deviation): it was shaken or focused elsewhere. Layers are wrong beside "
-            "edges and in fine texture. Lock the focus, and take the pair again."
+            "(standard deviation): it was shaken or focused elsewhere. Lamps are told by the other "
+            "blurred as much, and layers share out fine detail alike. Lock the focus, and take the "
+            "pair again."
         )
         warnings.append(RunWarning(Code.BLURRED, message, {"flash_px": blur.flash_px}))
     return warnings

@@ -44,7 +44,8 @@ _PARTS = 4  # to a side, without each of which the blur is found anew: jackknife
 _FEW = 0.08  # of the blocks; fewer that agree tell nothing
 _SURELY = 6.0  # standard errors
 _LEAST = 0.33  # variance; shadows, and laying by hand motion, seem to blur by up to .3
-_LEAST_OF_FLASH = 1.2  # the same of the flash photograph, which has shadows and gloss of its own
+_LEAST_OF_FLASH = 0.8  # the same of the flash photograph, which has shadows and gloss of its own
+_SEEMS_OF_FLASH = 0.5  # of that, by the other being blurred less: then it is looked for
 _WIDEST = 3.5  # standard deviations that a kernel reaches
 _LOST = 0.1  # of a pixel's light that may come from unusable ones
 _MIRRORED = cv2.BORDER_REFLECT_101
@@ -55,26 +56,35 @@ _MIDDLE: Floats64 = np.zeros(2)
 class RelativeBlur:
     """What lies between the sharpness of two photographs, as Gaussians.
 
-    no_flash: float64 (2, 2), covariance over (x, y) in pixels² of the Gaussian by which the
-    photograph without the flash is blurred more; all 0 where it is not. flash_px: standard
-    deviation in pixels by which the flash photograph is blurred more, in the direction in which
-    it is most; 0 where it is not. offset: (2,), from where (x, y) in the flash photograph the light
-    of the middle of the other's blur comes, in pixels: what laying the one on the other has left.
+    no_flash, flash: float64 (2, 2), covariance over (x, y) in pixels² of the Gaussian by which the
+    photograph without the flash, and that with it, is blurred more; all 0 where it is not, one of
+    them at least is. offset: (2,), from where (x, y) in the flash photograph the light of the
+    middle of the other's blur comes, in pixels: what laying the one on the other has left.
     """
 
     no_flash: Floats64
-    flash_px: float
+    flash: Floats64
     offset: Floats64
 
     @property
-    def kernel(self) -> Floats32:
+    def for_flash(self) -> Floats32:
         """What the flash photograph is to be filtered with to be like the other, for `blurred`."""
         return blur_kernel(self.no_flash, self.offset)
 
     @property
+    def for_no_flash(self) -> Floats32:
+        """What the photograph without the flash is to be filtered with to be like the other."""
+        return blur_kernel(self.flash)
+
+    @property
     def no_flash_px(self) -> float:
         """Standard deviation of no_flash in the direction in which it is widest, in pixels."""
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.no_flash)[-1], 0.0)))
+        return _widest(self.no_flash)
+
+    @property
+    def flash_px(self) -> float:
+        """Standard deviation of flash in the direction in which it is widest, in pixels."""
+        return _widest(self.flash)
 
 
 def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
@@ -89,10 +99,20 @@ def find_relative_blur(ratios: Ratios, unusable: Mask) -> RelativeBlur | None:
     flash = np.exp(ratios.logs).astype(np.float32) * no_flash
     usable = ~any_in_blocks(unusable, ratios.block)
     found = _found(no_flash, flash, usable, _HALVINGS)
-    if found is None or _surely(found, found, ratios.block) is None:
+    of_no_flash = _sure(no_flash, flash, usable, found, _LEAST)
+    of_flash = None
+    if found is None or np.linalg.eigvalsh(found.covariance)[0] < -_SEEMS_OF_FLASH:
+        # a photograph is blurred to be like the other, not sharpened
+        back = _found(flash, no_flash, usable, _HALVINGS)
+        of_flash = _sure(flash, no_flash, usable, back, _LEAST_OF_FLASH)
+    if of_no_flash is None and of_flash is None:
         return None
-    coarse = _compared(no_flash, flash, usable, found, _COARSE)
-    return None if coarse is None else _surely(found, coarse, ratios.block)
+    own, others = (
+        np.zeros((2, 2)) if one is None else ratios.block**2 * _positive(one.covariance)
+        for one in (of_no_flash, of_flash)
+    )
+    mean = _MIDDLE if of_no_flash is None else of_no_flash.mean
+    return RelativeBlur(own, others, ratios.block * mean)
 
 
 def blurred(photograph: Photograph, kernel: Floats32, own: bool = False) -> Image:
@@ -289,19 +309,23 @@ def _solved(normal: Floats64, right: Floats64) -> Floats64:
     return np.asarray(np.linalg.lstsq(normal, right, rcond=1e-6)[0])
 
 
-def _surely(found: _Moments, coarse: _Moments, block: int) -> RelativeBlur | None:
-    """What is sure of it, in pixels, with so many to a block; coarse: the same by coarser steps."""
+def _sure(
+    photograph: Image, other: Image, usable: Mask, found: _Moments | None, least: float
+) -> _Moments | None:
+    """What was found, where the photograph is surely less sharp than the other by it."""
+    if found is None or not _surely(found, found, least):
+        return None
+    coarse = _compared(photograph, other, usable, found, _COARSE)
+    return found if coarse is not None and _surely(found, coarse, least) else None
+
+
+def _surely(found: _Moments, coarse: _Moments, least: float) -> bool:
+    """Whether a blur is sure, of a variance in blocks²; coarse: the same by coarser steps."""
     variances, axes = np.linalg.eigh(found.covariance)
-    most = _GROWN * variances
-    by_coarse = np.einsum("xi,xy,yi->i", axes, coarse.covariance, axes)
-    errors = [_SURELY * _deviation(axis, found.error) for axis in axes.T]
-    no_flash, flash_px = np.zeros((2, 2)), 0.0
-    if variances[1] > max(_LEAST, errors[1]) and by_coarse[1] < most[1]:
-        no_flash = block**2 * _positive(found.covariance)
-    if -variances[0] > max(_LEAST_OF_FLASH, errors[0]) and by_coarse[0] > most[0]:
-        flash_px = block * float(np.sqrt(-variances[0]))
-    blur = RelativeBlur(no_flash, flash_px, block * found.mean)
-    return blur if no_flash.any() or flash_px else None
+    variance, axis = float(variances[1]), axes[:, 1]
+    by_coarse = float(axis @ coarse.covariance @ axis)
+    error = _deviation(axis, found.error)
+    return variance > max(least, _SURELY * error) and by_coarse < _GROWN * variance
 
 
 def _deviation(axis: Floats64, error: Floats64) -> float:
@@ -309,6 +333,11 @@ def _deviation(axis: Floats64, error: Floats64) -> float:
     x, y = axis
     by_entry = np.array([x * x, 2 * x * y, y * y])
     return float(np.sqrt(max(by_entry @ error @ by_entry, 0.0)))
+
+
+def _widest(covariance: Floats64) -> float:
+    """Standard deviation in the direction in which a covariance (2, 2) has most."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
 
 
 def _positive(covariance: Floats64) -> Floats64:

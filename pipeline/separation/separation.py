@@ -117,8 +117,9 @@ def separate(
         if highlights:
             smooth = highlights.deal_out(rows, no_flash, flash, lamps, smooth)
         layers = surroundings.rows(rows, width)
+        as_sharp = pair.photograph is pair.no_flash
         _deal_out(
-            planes_of(photograph[inner]),
+            planes_of(photograph[inner] if as_sharp else rows_by_planes(pair.photograph, rows)),
             trust,
             channels_first(smooth),
             channels_first(layers),
@@ -151,7 +152,7 @@ def separate_reduced(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> Strip:
     """
     height, width = reduced.usable.shape
     crop = width * reduced.block, height * reduced.block
-    light = area_means(pair.no_flash, (width, height), crop)
+    light = area_means(pair.photograph, (width, height), crop)
     layers = Surroundings(reduced, lamps).blocks() * light
     confidence = reduced.usable.astype(np.float32)
     return Strip(slice(0, height), layers, light, reduced.flash, confidence)

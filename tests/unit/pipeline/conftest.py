@@ -124,8 +124,8 @@ def pair_of() -> Callable[..., Pair]:
             "clipping": 1.0,
             "warnings": (),
         }
-        given.update(more)
         before = np.asarray(no_flash, dtype=np.float32)
+        given.update({"photograph": before, **more})
         added = np.asarray(part, dtype=np.float32)
         flash = added if given["flash_only"] else before + added
         return Pair(no_flash=before, flash=flash, **given)

@@ -188,7 +188,8 @@ def test_floats_that_go_on_above_1_keep_the_colours_of_their_highlights(
     """Under the neutral light, where clipped ones become white."""
     make = rendered if whole else seen_whole
     pair, _ = exact(warm_to_cool, clipping=np.inf)
-    bright = replace(pair, no_flash=20 * pair.no_flash[:], flash=20 * pair.flash[:])
+    light = 20 * pair.no_flash[:]
+    bright = replace(pair, no_flash=light, photograph=light, flash=20 * pair.flash[:])
 
     found, plain = (make("white_balanced.exr", pair=one) for one in (bright, pair))
 

@@ -263,7 +263,9 @@ def test_black_pixels_stay_black(
     for dark in ((30, 40), (30, slice(100, None))):
         no_flash[dark] = flash[dark] = 0
     flash[86] = no_flash[86]
-    glossy = replace(glossy, pair=replace(glossy.pair, no_flash=no_flash, flash=flash))
+    glossy = replace(
+        glossy, pair=replace(glossy.pair, no_flash=no_flash, photograph=no_flash, flash=flash)
+    )
     assert find_highlights(glossy.reduced, glossy.lamps, model.flash_white) is not None
 
     layers = layers_by(glossy)

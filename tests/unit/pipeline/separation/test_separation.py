@@ -14,6 +14,7 @@ from pipeline.images.sigma_filter import sigma_filter
 from pipeline.light.model import Model
 from pipeline.options import Options
 from pipeline.pair.reduced import reduce_pair
+from pipeline.pair.relative_blur import blur_kernel, blurred
 from pipeline.progress import Progress
 from pipeline.separation.separation import Strip, separate, separate_reduced
 from tests.definitions import separation as definition
@@ -271,6 +272,28 @@ def test_a_pair_with_nothing_to_use_stays_finite(
 
     assert not found.layers.any()
     assert not found.confidence.any()
+
+
+def test_layers_are_as_sharp_as_the_photograph_they_are_of(
+    exact: Exact,
+    separated: Callable[..., Strip],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Floats64,
+) -> None:
+    """Where the flash photograph is less sharp, lamps are told by the other blurred as much."""
+    sharp, layers = exact(warm_to_cool[[0, 2]])
+    kernel = blur_kernel(np.diag([2.0, 1.0]))
+    no_flash, flash = blurred(sharp.no_flash, kernel), blurred(sharp.flash, kernel)
+    pair = replace(sharp, no_flash=no_flash, flash=flash)
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+
+    found = separated(pair, lamps)
+
+    np.testing.assert_allclose(found.layers.sum(axis=0), sharp.no_flash, atol=1e-5)
+    error = np.square(found.layers - layers).sum() / np.square(layers).sum()
+    assert 10 * np.log10(1 / error) > 20
+    small = separate_reduced(pair, reduce_pair(pair), lamps).layers.sum(axis=0)
+    np.testing.assert_allclose(small, sharp.no_flash, atol=1e-5)
 
 
 @pytest.mark.parametrize("rows", [16, 1000])
