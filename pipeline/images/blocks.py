@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Floats64
 from pipeline.compiling import exact
 from pipeline.images.frames import Mask
 
@@ -35,6 +36,16 @@ def blocks_within(width: int, height: int, longest: int) -> Blocks:
     """
     side = -(-max(width, height) // longest)
     return Blocks(side, (max(width // side, 1), max(height // side, 1)))
+
+
+def sums_of_blocks(image: Floats64, side: int) -> Floats64:
+    """Sums (H // side, W // side, C) over squares of so many pixels to a side, or smaller blocks.
+
+    image: (H, W, C). What is left over at the right and bottom edge is dropped.
+    """
+    height, width = (length // side for length in image.shape[:2])
+    cropped = image[: height * side, : width * side]
+    return np.asarray(cropped.reshape(height, side, width, side, -1).sum(axis=(1, 3)))
 
 
 @exact

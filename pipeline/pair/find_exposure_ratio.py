@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Floats64
+from pipeline.images.blocks import sums_of_blocks
 from pipeline.images.frames import Mask
 from pipeline.pair.one_surface import Seen, pairs_apart
 from pipeline.pair.ratios import Ratios
@@ -106,13 +107,6 @@ def means_of_usable(
     known = np.asarray(count[..., 0] >= side**2 / 2)
     first, second = (np.where(known[..., None], mean, 1.0) for mean in means)
     return first, second, known
-
-
-def sums_of_blocks(blocks: Floats64, side: int) -> Floats64:
-    """Sums over squares of blocks; what is left over at the right and bottom is dropped."""
-    height, width = (length // side for length in blocks.shape[:2])
-    cropped = blocks[: height * side, : width * side]
-    return np.asarray(cropped.reshape(height, side, width, side, -1).sum(axis=(1, 3)))
 
 
 def highest_peak(light: Floats64, most: float) -> tuple[float, float]:

@@ -14,9 +14,9 @@ import numpy as np
 from cv2.typing import MatLike
 
 from pipeline.arrays import Floats, Floats32
+from pipeline.images.blocks import sums_of_blocks
 from pipeline.images.disc import disc
 from pipeline.images.frames import Image, Mask, Plane
-from pipeline.pair.find_exposure_ratio import sums_of_blocks
 from pipeline.pair.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 

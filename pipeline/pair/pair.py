@@ -245,8 +245,7 @@ def _held_against(
     if blur is not None:
         ratios = block_ratios(before, after, unusable, noises)
     by_columns = rows_are_columns(unusable.shape, no_flash.orientation)
-    undeclared = no_flash.encoding == "linear" and not no_flash.profiled
-    encoded = undeclared and looks_encoded(ratios, ratio.value)
+    encoded = no_flash.undeclared and looks_encoded(ratios, ratio.value)
     banding = None if rendered or encoded else find_banding(ratios, by_columns)
     if banding is not None:
         after = banding.off(before, after)

@@ -15,10 +15,11 @@ import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.errors import InputError
+from pipeline.images.blocks import sums_of_blocks
 from pipeline.images.frames import Image
 from pipeline.lamps.count import DOUBTFUL
 from pipeline.lamps.lamps import FindLamps, Lamps
-from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS, sums_of_blocks
+from pipeline.pair.find_exposure_ratio import LONG_SIDE, OFFSETS
 from pipeline.pair.one_surface import pairs_apart
 from pipeline.pair.pairs_of_places import WIDTHS, Places
 from pipeline.pair.reduced import ReducedPair

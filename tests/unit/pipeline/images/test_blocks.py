@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.images.blocks import Blocks, any_in_blocks, blocks_within
+from pipeline.images.blocks import Blocks, any_in_blocks, blocks_within, sums_of_blocks
 
 
 @pytest.mark.parametrize(
@@ -35,3 +35,12 @@ def test_blocks_with_a_marked_pixel(size: tuple[int, int], block: int, share: fl
 
     expected = whole.reshape(height, block, width, block).any(axis=(1, 3))
     np.testing.assert_array_equal(found, expected)
+
+
+def test_sums_are_of_whole_blocks() -> None:
+    image = np.arange(5 * 7 * 2, dtype=np.float64).reshape(5, 7, 2)
+
+    found = sums_of_blocks(image, 2)
+
+    assert found.shape == (2, 3, 2)
+    np.testing.assert_array_equal(found[1, 2], image[2:4, 4:6].sum(axis=(0, 1)))
