@@ -33,6 +33,7 @@ _APART, _FAR_APART = 0.1, 0.2  # natural logarithm of colour, from most of the p
 _RIM, _FAR_RIM = 5, 2  # blocks beside what is apart
 _LEAST_LEFT = 1 / 3  # of the usable blocks; else there are no surfaces to tell by
 _NOTABLE = 0.05  # share; still pairs have up to .046
+_CORNERS = 0.03  # share; so much may lie where rims of paint and of still shadows meet
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class MovedShadows:
     """What find_moved_shadows finds.
 
     places: bool (h, w), the blocks that lamps are not to be told by. surely: (h, w), those among
-    them that a moved shadow lies in, whose layers no flash part tells. share: of the usable blocks,
-    0…1, as much is so without the blocks beside.
+    them that a moved shadow lies in, whose layers no flash part tells; none where these are so few
+    that none need be one. share: of the usable blocks, 0…1, as many are so without those beside.
     """
 
     places: Mask
@@ -83,7 +84,7 @@ def find_moved_shadows(reduced: ReducedPair, something_moved: bool) -> MovedShad
     )
     if np.count_nonzero(places) > (1 - _LEAST_LEFT) * np.count_nonzero(usable):
         return None
-    return MovedShadows(places, surely, share)
+    return MovedShadows(places, surely & (share > _CORNERS), share)
 
 
 def moved_shadows_warning(share: float) -> RunWarning:

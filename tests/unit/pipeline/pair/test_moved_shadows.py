@@ -82,6 +82,7 @@ def test_a_still_pair_loses_next_to_nothing(
 
     assert find_moved_shadows(scene, False) is None
     assert shadows(scene).share < 0.01
+    assert not shadows(scene).surely.any()
     assert shadows(scene).places.mean() < 0.1  # corners where rims of paint and of a shadow meet
 
 
