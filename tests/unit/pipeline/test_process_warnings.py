@@ -17,6 +17,7 @@ from pipeline.errors import (
     OptionError,
 )
 from pipeline.options import Options, Sensitivities, Spectrum
+from pipeline.pair.relative_blur import RelativeBlur, blurred
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.run_warnings import Code, RunWarning
@@ -24,6 +25,7 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.tables import write_spectrum
 from pipeline.spectra.wavelengths import WAVELENGTHS_NM
 from pipeline.taken_with import TakenWith
+from tests.layers import layers_of, picture, planes_of
 from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated, tiff, turned
 
 
@@ -324,6 +326,26 @@ def test_a_screen_is_told_of_and_keeps_its_picture(
     red, _, blue = np.moveaxis(balanced, 2, 0)
     assert (red[:, 2:16] > 2 * blue[:, 2:16]).all()
     assert (blue[:, 20:34] > 2 * red[:, 20:34]).all()
+
+
+def test_a_flash_photograph_out_of_focus_leaves_results_as_sharp_as_the_photograph(
+    exact: Callable[..., tuple[Any, Floats64]],
+    warm_to_cool: Floats64,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    blur = RelativeBlur(np.zeros((2, 2)), np.diag([2.0, 1.0]), np.zeros(2))
+    flash = blurred(pair.flash, blur.for_no_flash)
+    monkeypatch.setattr("pipeline.pair.pair.find_relative_blur", lambda *_: blur)
+
+    manifest = separated((tiff(pair.no_flash), tiff(flash)), tmp_path, outputs=["layers.exr"])
+
+    assert "blurred" in codes(manifest)
+    planes = planes_of((tmp_path / "layers.exr").read_bytes())
+    np.testing.assert_allclose(picture(planes), pair.no_flash, atol=1e-3)
+    np.testing.assert_allclose(layers_of(planes, 2).sum(axis=0), pair.no_flash, atol=1e-3)
+    assert np.abs(blurred(pair.no_flash, blur.for_no_flash) - pair.no_flash).max() > 0.02
 
 
 def test_the_published_method_leaves_nothing_out(

@@ -20,6 +20,18 @@ def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
     return make_pair(*frames, Options(**options), Progress())
 
 
+def have_found(monkeypatch: pytest.MonkeyPatch, search: str, found: Any) -> list[tuple[Any, ...]]:
+    """Have a search of pipeline.pair.pair find this from now on; what it was asked."""
+    given: list[tuple[Any, ...]] = []
+
+    def find(*arguments: Any) -> Any:
+        given.append(arguments)
+        return found
+
+    monkeypatch.setattr(f"pipeline.pair.pair.{search}", find)
+    return given
+
+
 def lay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have alignment lay flash photographs where they lie, in memory of their own."""
     shifted = Alignment(True, np.eye(3), 0.9)

@@ -11,7 +11,7 @@ import pytest
 from pipeline.images.frames import Frame
 from pipeline.pair.banding import Banding
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.pairs_of_frames import paired
+from tests.unit.pipeline.pair.pairs_of_frames import have_found, paired
 
 BANDING = Banding(40.0, np.array([0.0, 0.2, 0.0, 0.0]), by_columns=False)
 
@@ -19,14 +19,7 @@ BANDING = Banding(40.0, np.array([0.0, 0.2, 0.0, 0.0]), by_columns=False)
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """Have bands be found from now on; what they were looked for in."""
-    given: list[tuple[Any, ...]] = []
-
-    def search(*arguments: Any) -> Banding:
-        given.append(arguments)
-        return BANDING
-
-    monkeypatch.setattr("pipeline.pair.pair.find_banding", search)
-    return given
+    return have_found(monkeypatch, "find_banding", BANDING)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

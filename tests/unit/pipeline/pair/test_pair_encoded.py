@@ -11,7 +11,7 @@ import pytest
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.images.frames import Exposure, Frame
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.pairs_of_frames import paired
+from tests.unit.pipeline.pair.pairs_of_frames import have_found, paired
 from tests.unit.pipeline.pair.shadows_on_paint import light_of
 
 
@@ -44,14 +44,7 @@ def test_linear_values_are_not(frame: Callable[..., Frame]) -> None:
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What is asked for an encoding from now on, which is found."""
-    given: list[tuple[Any, ...]] = []
-
-    def look(*arguments: Any) -> bool:
-        given.append(arguments)
-        return True
-
-    monkeypatch.setattr("pipeline.pair.pair.looks_encoded", look)
-    return given
+    return have_found(monkeypatch, "looks_encoded", True)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pipeline.images.frames import Frame
 from pipeline.pair.banding import Banding
 from pipeline.pair.vignetting import Vignetting
 from pipeline.run_warnings import Code
-from tests.unit.pipeline.pair.pairs_of_frames import paired
+from tests.unit.pipeline.pair.pairs_of_frames import have_found, paired
 
 VIGNETTING = Vignetting(-0.25)
 
@@ -20,14 +20,7 @@ VIGNETTING = Vignetting(-0.25)
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """Have it be found from now on; what it was looked for in."""
-    given: list[tuple[Any, ...]] = []
-
-    def search(*arguments: Any) -> Vignetting:
-        given.append(arguments)
-        return VIGNETTING
-
-    monkeypatch.setattr("pipeline.pair.pair.find_vignetting", search)
-    return given
+    return have_found(monkeypatch, "find_vignetting", VIGNETTING)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
