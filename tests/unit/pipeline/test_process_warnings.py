@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image as PillowImage
 
 from pipeline.arrays import Floats, Floats64
 from pipeline.calibration.kept_calibrations import Kept
+from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import linear_rec2020_profile
+from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import (
     OptionError,
 )
@@ -335,17 +338,29 @@ def test_a_flash_photograph_out_of_focus_leaves_results_as_sharp_as_the_photogra
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
+    speckled = np.ones(pair.no_flash.shape, np.float32)
+    speckled[::4, ::4] = 10.0  # beyond white where they are sharp alone
+    sharp, flash = speckled * pair.no_flash, speckled * pair.flash
     blur = RelativeBlur(np.zeros((2, 2)), np.diag([2.0, 1.0]), np.zeros(2))
-    flash = blurred(pair.flash, blur.for_no_flash)
     monkeypatch.setattr("pipeline.pair.pair.find_relative_blur", lambda *_: blur)
+    files = tiff(sharp), tiff(blurred(flash, blur.for_no_flash))
+    wanted = ["layers.exr", "lamps.tif", "thumbnail.jpg"]
 
-    manifest = separated((tiff(pair.no_flash), tiff(flash)), tmp_path, outputs=["layers.exr"])
+    manifest = separated(files, tmp_path, lights=2, outputs=wanted)
 
     assert "blurred" in codes(manifest)
     planes = planes_of((tmp_path / "layers.exr").read_bytes())
-    np.testing.assert_allclose(picture(planes), pair.no_flash, atol=1e-3)
-    np.testing.assert_allclose(layers_of(planes, 2).sum(axis=0), pair.no_flash, atol=1e-3)
-    assert np.abs(blurred(pair.no_flash, blur.for_no_flash) - pair.no_flash).max() > 0.02
+    np.testing.assert_allclose(picture(planes), sharp, atol=3e-3)
+    np.testing.assert_allclose(layers_of(planes, 2).sum(axis=0), sharp, atol=3e-3)
+    (above,) = (w for w in manifest["warnings"] if w["code"] == "above_white")
+    assert above["figures"]["share"] == pytest.approx(np.mean(sharp.max(axis=2) > 1.0), abs=1e-3)
+    to_xyz = np.array(manifest["mix"]["to_xyz"])
+    white = np.quantile((sharp @ (XYZ_TO_SRGB @ to_xyz).T).max(axis=2), 0.995)
+    assert white == pytest.approx(1.0, abs=0.01)
+    shown = np.asarray(PillowImage.open(tmp_path / "thumbnail.jpg"), dtype=np.float64)
+    as_shown = 255 * linear_to_srgb(np.clip(sharp @ (XYZ_TO_SRGB @ to_xyz).T, 0.0, 1.0))
+    assert np.abs(shown - as_shown).mean() < 6.0
+    assert np.abs(blurred(sharp, blur.for_no_flash) - sharp).max() > 0.5
 
 
 def test_the_published_method_leaves_nothing_out(
