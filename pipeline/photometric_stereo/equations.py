@@ -7,18 +7,21 @@ by themselves: they would fill up the factors of the rest.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
 
 from pipeline.arrays import Floats64
 
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
+_AT_ONCE = 64  # outer unknowns: beyond, conjugate gradients take less
 _TOLERANCE = 1e-10  # of the slope; at 1e-6 surfaces one before another end elsewhere
 
 
@@ -46,18 +49,16 @@ class Rows:
 
 
 class Pattern:
-    """Where the entries of a sparse normal matrix are, which rows of several kinds add up to."""
+    """Where the entries of a sparse normal matrix are, which rows of several kinds add up to.
+
+    Unknowns are ordered once, so that factors fill up little: every matrix has its entries there.
+    """
 
     def __init__(self, size: int, *groups: NDArray[np.intp]) -> None:
         """size: number of unknowns. groups: (n, k) of each kind, which unknowns its rows are of."""
         self._size, self._groups = size, [group.ravel() for group in groups]
-        rows = [np.broadcast_to(g[:, :, None], (*g.shape, g.shape[1])).ravel() for g in groups]
-        columns = [np.broadcast_to(g[:, None, :], (*g.shape, g.shape[1])).ravel() for g in groups]
-        every = np.arange(size)
-        keys = np.concatenate([*columns, every]) * size + np.concatenate([*rows, every])
-        keys, self._sums = np.unique(keys, return_inverse=True)
-        self._rows = (keys % size).astype(np.int32)
-        self._starts = np.searchsorted(keys, np.arange(size + 1) * size).astype(np.int32)
+        self._place = _minimum_degree(size, groups)
+        self._sums, self._rows, self._starts = _entries(size, [self._place[g] for g in groups])
 
     def equations(self, *kinds: Rows) -> Equations:
         """Equations of the step that lowers the weighed squares of all rows most."""
@@ -70,25 +71,54 @@ class Pattern:
         downhill = np.zeros(self._size)
         for group, rows in zip(self._groups, kinds, strict=True):
             downhill -= np.bincount(group, rows.slope.ravel(), self._size)
-        return Equations(matrix, downhill)
+        return Equations(matrix, self._place, downhill)
+
+
+def _entries(
+    size: int, groups: Sequence[NDArray[np.intp]]
+) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
+    """Which entry each product of two unknowns of a group adds to, and then every diagonal one.
+
+    Returns as well the rows of the entries, column by column, and where columns start.
+    """
+    rows = [np.broadcast_to(g[:, :, None], (*g.shape, g.shape[1])).ravel() for g in groups]
+    columns = [np.broadcast_to(g[:, None, :], (*g.shape, g.shape[1])).ravel() for g in groups]
+    every = np.arange(size)
+    keys = np.concatenate([*columns, every]) * size + np.concatenate([*rows, every])
+    keys, sums = np.unique(keys, return_inverse=True)
+    starts = np.searchsorted(keys, np.arange(size + 1) * size)
+    return sums, (keys % size).astype(np.int32), starts.astype(np.int32)
+
+
+def _minimum_degree(size: int, groups: Sequence[NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Place (size,) of each unknown in the order in which factors fill up little."""
+    _, rows, starts = _entries(size, groups)
+    columns = np.repeat(np.arange(size), np.diff(starts))
+    values = np.where(rows == columns, float(size), -1.0)  # any will do that can be factored
+    matrix = sparse.csc_matrix((values, rows, starts), (size, size))
+    return np.asarray(_factored(matrix, permc_spec="MMD_AT_PLUS_A").perm_c, np.intp)
+
+
+def _factored(matrix: sparse.csc_matrix, **how: Any) -> SuperLU:
+    """Factors of a symmetric, positive matrix."""
+    return splu(matrix, diag_pivot_thresh=0.0, options={"SymmetricMode": True}, **how)
 
 
 class Equations:
     """A symmetric, positive sparse system, factored."""
 
-    def __init__(self, matrix: sparse.csc_matrix, right: Floats64) -> None:
-        """matrix: (size, size). right: (size,)."""
-        self._factors = splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        self._right = right
+    def __init__(self, matrix: sparse.csc_matrix, place: NDArray[np.intp], right: Floats64) -> None:
+        """matrix: (size, size), whose unknowns are at these places (size,). right: (size,)."""
+        # narrow panels and no relaxed supernodes: half the time of SuperLU's defaults here
+        self._factors = _factored(matrix, permc_spec="NATURAL", panel_size=4, relax=1)
+        self._place, self._unknowns, self._right = place, np.argsort(place), right
 
     def solution(self) -> Floats64:
         """Step (size,)."""
-        return np.asarray(self._factors.solve(self._right))
+        return self._solved(self._right)
+
+    def _solved(self, right: Floats64) -> Floats64:
+        return np.asarray(self._factors.solve(right[self._unknowns])[self._place])
 
     def solution_with(
         self, border: Floats64, corner: Floats64, right: Floats64
@@ -96,19 +126,30 @@ class Equations:
         """Step (size,), and that (k,) of k more unknowns that many hang on.
 
         border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill. The outer
-        ones by conjugate gradients on the Schur complement, preconditioned by the corner
-        (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 9 and 14). Raises
+        ones by the Schur complement: few at once, many by conjugate gradients preconditioned by the
+        corner (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 9 and 14). Raises
         numpy.linalg.LinAlgError where the corner is not positive definite.
         """
-        about, by_corner = sparse.csc_array(border), cho_factor(corner)
+        about = sparse.csc_array(border)
+        downhill = right - about.T @ self.solution()
+        if len(right) <= _AT_ONCE:
+            complement = corner - about.T @ self._solved(border)
+            outer = cho_solve(cho_factor(complement), downhill)
+        else:
+            outer = self._followed(about, corner, downhill)
+        return self._solved(self._right - about @ outer), np.asarray(outer)
+
+    def _followed(self, border: sparse.csc_array, corner: Floats64, downhill: Floats64) -> Floats64:
+        """Outer unknowns (k,) by conjugate gradients."""
+        by_corner = cho_factor(corner)
 
         def complement(outer: Floats64) -> Floats64:
-            return np.asarray(corner @ outer - about.T @ self._factors.solve(about @ outer))
+            return np.asarray(corner @ outer - border.T @ self._solved(border @ outer))
 
         outer, _ = cg(
             LinearOperator(corner.shape, complement, dtype=corner.dtype),
-            right - about.T @ self.solution(),
+            downhill,
             rtol=_TOLERANCE,
             M=LinearOperator(corner.shape, partial(cho_solve, by_corner), dtype=corner.dtype),
         )
-        return np.asarray(self._factors.solve(self._right - about @ outer)), np.asarray(outer)
+        return np.asarray(outer)

@@ -45,8 +45,12 @@ def test_the_solution_is_that_of_least_squares() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("at_once", [4, 3])
 @pytest.mark.parametrize("scale", [0.001, 1.0, 1000.0])
-def test_a_border_is_solved_for_together_with_the_rest(scale: float) -> None:
+def test_a_border_is_solved_for_together_with_the_rest(
+    scale: float, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.photometric_stereo.equations._AT_ONCE", at_once)
     by, precision, residual = stacked()
     outer = np.random.default_rng(3).standard_normal((len(by), 4)) * (scale, 1.0, 1.0, 1.0)
     weighed = precision[:, None] * outer
@@ -62,8 +66,12 @@ def test_a_border_is_solved_for_together_with_the_rest(scale: float) -> None:
         equations.solution_with(by.T @ weighed, -outer.T @ weighed, -weighed.T @ residual)
 
 
-def test_a_wide_border_is_solved_for_as_exactly_as_the_rest() -> None:
+@pytest.mark.parametrize("at_once", [30, 0])
+def test_a_wide_border_is_solved_for_as_exactly_as_the_rest(
+    at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Surfaces end elsewhere where steps are a millionth off."""
+    monkeypatch.setattr("pipeline.photometric_stereo.equations._AT_ONCE", at_once)
     places = np.array([[i, i + 1] for i in range(40)])
     rows = rows_of(1, 40, 3, 2)
     by = np.zeros((40, 3, 41))
