@@ -9,7 +9,7 @@ A second lamp counts where the likelihood gains enough by it, but not
 
 A third lamp counts where three signs together speak for it: the gain in likelihood, differences
 across shadow edges that two lamps do not give, alone or in exchange, and light that is no mixture
-of two.
+of two. But not where three lamps leave more of the light over than two do.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MUCH_LEFT = 0.08
 leave up to 0.05."""
 
 DOUBTFUL = 0.5
-"""Confidence in a number of lamps that do not explain the photograph."""
+"""Confidence in a number of lamps that do not explain the photograph, or of which signs differ."""
 
 UNSURE = 0.3
 """Confidence in three lamps where there are signs of a fourth."""
@@ -95,6 +95,8 @@ def count_lamps(given: FitInput, fit: Callable[[int], Fit]) -> Count:
         three = _logistic(_THIRD_STEEPNESS * third)
         if third < 0:
             return Count(2, min(several, 1.0 - three))
+        if _leave_more(reduced, fit(2), fit(3)):
+            return Count(2, min(several, DOUBTFUL))
     return Count(3, min(several, three))
 
 
@@ -130,6 +132,11 @@ def _gain_of_third(reduced: ReducedPair, evidence: Evidence, two: Fit, three: Fi
     gain = (two.cost - three.cost) / _THIRD_GAIN
     # lamps of an outline lose by the area between three of them, also if there are three
     return gain if evidence.has_edges or reduced.rendered else gain + _OUTLINE_GAIN
+
+
+def _leave_more(reduced: ReducedPair, two: Fit, three: Fit) -> bool:
+    """Whether three lamps leave more light over than two, so that none of them is a third."""
+    return left_over(reduced, three.matrices) > left_over(reduced, two.matrices)
 
 
 def _passes_for_second(

@@ -144,6 +144,7 @@ def test_few_differences_say_little_of_a_third_lamp(
 ) -> None:
     """All of them show neither of two lamps."""
     monkeypatch.setattr(count, "share_of_third", lambda *_: 1.0)
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     given = fit_input(shadowed(warm_to_cool[[0, 2]]))
     fits = {lamps: first_fit(given, lamps) for lamps in (1, 2, 3)}
     found = given.evidence.differences
@@ -228,6 +229,23 @@ def test_a_lamp_is_counted_by_what_it_gains(
     assert 0.5 <= found.confidence < 0.6
 
 
+@pytest.mark.parametrize(("left", "number", "confidence"), [(0.099, 3, 1.0), (0.101, 2, 0.5)])
+def test_a_third_lamp_with_which_more_is_left_is_none(
+    by_costs: Callable[..., Count],
+    monkeypatch: pytest.MonkeyPatch,
+    left: float,
+    number: int,
+    confidence: float,
+) -> None:
+    """Whatever the likelihood gains."""
+    monkeypatch.setattr(count, "left_over", lambda _, matrices: left if len(matrices) == 3 else 0.1)
+
+    found = by_costs(0, -9999, -99999)
+
+    assert found.number == number
+    assert found.confidence == pytest.approx(confidence, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("second", "gloss", "within", "rendered", "found"),
     [
@@ -299,6 +317,7 @@ def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     monkeypatch.setattr(count, "MANY", 1)
     monkeypatch.setattr(count, "share_of_third", lambda *_: off)
     monkeypatch.setattr(count, "share_beside", lambda *_: beside)
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
 
     fit = costs(0, -900, -900 - third)
     found = count_lamps(fit_input(shadowed(warm_to_cool[:2])), fit)
