@@ -12,10 +12,11 @@ from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.exposure import ExposureRatio
 from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.find_local_tone_mapping import find_local_tone_mapping
+from pipeline.pair.find_ratio_and_balance import find_ratio_and_balance
 from pipeline.pair.find_rendered_ratio import find_rendered_ratio
 from pipeline.pair.find_tone_curve import find_tone_curve
 from pipeline.pair.local_tone_mapping import LocalToneMapping
-from pipeline.pair.one_surface import average_pair, find_neighbours
+from pipeline.pair.one_surface import PairBlocks, average_pair, find_neighbours
 from pipeline.pair.tone_curve import ToneCurve
 
 
@@ -63,14 +64,14 @@ def find_rendering(
     ratio: where nobody knows it, it and a contrast are looked for, as the others look like one.
     """
     blocks = average_pair(no_flash.pixels, laid, unusable)
-    known = ratio.source != "assumed"
-    shown = None if known else find_rendered_ratio(blocks)
+    known, balances_differ = ratio.source != "assumed", _balances_may_differ(no_flash, flash)
+    shown, balance = (None, None) if known else _find_ratio(blocks, balances_differ)
     found = None if shown is None else ExposureRatio(ratio.value * shown, "pixels")
     neighbours = find_neighbours(blocks, (found or ratio).value)
     if neighbours is None:
         return Rendering(ratio=found)
-    balances_differ = known and _balances_may_differ(no_flash, flash)
-    balance = find_balance_change(neighbours) if balances_differ else None
+    balances_differ = known and balances_differ
+    balance = find_balance_change(neighbours) if balances_differ else balance
     mapping = find_local_tone_mapping(blocks, neighbours, balance) if known else None
     if mapping is not None:
         neighbours = neighbours.brightened_by(mapping.logs)
@@ -79,6 +80,21 @@ def find_rendering(
     if balance is not None:
         balance, tone = settle_balance_change(neighbours, balance, tone)
     return Rendering(tone, mapping, balance, found)
+
+
+def _find_ratio(
+    blocks: PairBlocks, balances_differ: bool
+) -> tuple[float | None, BalanceChange | None]:
+    """The ratio of a pair whose exposures nobody knows, and a balance that differs as well.
+
+    None for exposures and for balances that are taken to be equal.
+    """
+    alone = find_rendered_ratio(blocks)
+    both = find_ratio_and_balance(blocks, alone) if balances_differ else None
+    if both is None:
+        return alone, None
+    ratio, balance = both
+    return (ratio if ratio != 1.0 else None), balance
 
 
 def _balances_may_differ(no_flash: Frame, flash: Frame) -> bool:

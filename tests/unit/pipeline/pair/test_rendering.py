@@ -60,6 +60,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Given]:
         monkeypatch.setattr(
             "pipeline.pair.rendering.settle_balance_change", lambda *arguments: arguments[1:]
         )
+        monkeypatch.setattr("pipeline.pair.rendering.find_ratio_and_balance", lambda *_: None)
         have_neighbours(monkeypatch)
         return given
 
@@ -227,6 +228,49 @@ def test_a_ratio_that_nobody_knows_is_taken_from_the_pair(
     assert Code.EXPOSURE_ESTIMATED in codes
     assert Code.RENDERED_EXPOSURES_DIFFER in codes
     assert Code.EXPOSURE_ASSUMED not in codes
+
+
+@pytest.mark.parametrize("ratio", [0.75, 1.0])
+def test_a_balance_that_differs_as_well_is_taken_off_with_the_ratio(
+    frames: Build, search: Callable[..., Given], monkeypatch: pytest.MonkeyPatch, ratio: float
+) -> None:
+    """It is told with the ratio, where that was found without gains as well."""
+    before, after = rendered(frames, exposure=Exposure())
+    search()
+    alone: list[float] = []
+    monkeypatch.setattr("pipeline.pair.rendering.find_rendered_ratio", lambda _: 0.8)
+
+    def find(_: Any, found: float) -> tuple[float, BalanceChange]:
+        alone.append(found)
+        return ratio, BALANCE
+
+    monkeypatch.setattr("pipeline.pair.rendering.find_ratio_and_balance", find)
+
+    pair = paired((before, after))
+
+    assert alone == [0.8]
+    assert (pair.exposure_ratio, pair.balance_change) == (ratio, BALANCE)
+    assert pair.exposure_source == ("assumed" if ratio == 1.0 else "pixels")
+    expected = without("balance", after.pixels[:]) / ratio
+    np.testing.assert_allclose(pair.flash[:], expected, rtol=1e-3, atol=1e-5)
+    codes = {one.code for one in pair.warnings}
+    exposure = Code.EXPOSURE_ASSUMED if ratio == 1.0 else Code.EXPOSURE_ESTIMATED
+    assert {Code.AUTO_WHITE_BALANCE, exposure} <= codes
+    assert (Code.RENDERED_EXPOSURES_DIFFER in codes) == (ratio != 1.0)
+
+
+def test_balances_set_by_hand_are_not_asked_for_with_the_ratio(
+    frames: Build, search: Callable[..., Given], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search()
+    monkeypatch.setattr("pipeline.pair.rendering.find_rendered_ratio", lambda _: None)
+    monkeypatch.setattr(
+        "pipeline.pair.rendering.find_ratio_and_balance", lambda *_: (0.75, BALANCE)
+    )
+
+    pair = paired(rendered(frames, exposure=Exposure(), auto_white_balance=False))
+
+    assert (pair.exposure_ratio, pair.balance_change) == (1.0, None)
 
 
 def test_a_ratio_that_was_given_is_not_asked_for(
