@@ -21,7 +21,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
 from pipeline.arrays import Floats64
 
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
-_AT_ONCE = 64  # outer unknowns: beyond, conjugate gradients take less
+_ROUNDS = 64  # of conjugate gradients; as many outer unknowns take no longer at once
 _TOLERANCE = 1e-10  # of the slope; at 1e-6 surfaces one before another end elsewhere
 
 
@@ -126,30 +126,33 @@ class Equations:
         """Step (size,), and that (k,) of k more unknowns that many hang on.
 
         border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill. The outer
-        ones by the Schur complement: few at once, many by conjugate gradients preconditioned by the
-        corner (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 9 and 14). Raises
-        numpy.linalg.LinAlgError where the corner is not positive definite.
+        ones by the Schur complement: many of them by conjugate gradients preconditioned by the
+        corner (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 9 and 14); few, and
+        those that would take many rounds, at once. Raises numpy.linalg.LinAlgError where the corner
+        is not positive definite.
         """
         about = sparse.csc_array(border)
         downhill = right - about.T @ self.solution()
-        if len(right) <= _AT_ONCE:
+        outer = self._followed(about, corner, downhill) if len(right) > _ROUNDS else None
+        if outer is None:
             complement = corner - about.T @ self._solved(border)
             outer = cho_solve(cho_factor(complement), downhill)
-        else:
-            outer = self._followed(about, corner, downhill)
         return self._solved(self._right - about @ outer), np.asarray(outer)
 
-    def _followed(self, border: sparse.csc_array, corner: Floats64, downhill: Floats64) -> Floats64:
-        """Outer unknowns (k,) by conjugate gradients."""
+    def _followed(
+        self, border: sparse.csc_array, corner: Floats64, downhill: Floats64
+    ) -> Floats64 | None:
+        """Outer unknowns (k,) by conjugate gradients, None where they take too many rounds."""
         by_corner = cho_factor(corner)
 
         def complement(outer: Floats64) -> Floats64:
             return np.asarray(corner @ outer - border.T @ self._solved(border @ outer))
 
-        outer, _ = cg(
+        outer, unfinished = cg(
             LinearOperator(corner.shape, complement, dtype=corner.dtype),
             downhill,
             rtol=_TOLERANCE,
+            maxiter=_ROUNDS,
             M=LinearOperator(corner.shape, partial(cho_solve, by_corner), dtype=corner.dtype),
         )
-        return np.asarray(outer)
+        return None if unfinished else np.asarray(outer)
