@@ -6,12 +6,14 @@ The gains are those by which the most pairs of neighbours have flash parts of on
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.climb_gains import MOST_GAIN, climb_gains
 from pipeline.pair.find_tone_curve import usual_contrasts
 from pipeline.pair.one_surface import Neighbours, Seen
 from pipeline.pair.tone_curve import NO_CONTRAST, ToneCurve
@@ -20,10 +22,8 @@ from pipeline.pair.tone_curve import NO_CONTRAST, ToneCurve
 _ROUGH_PAIRS = 1_500
 _WIDTHS = ((0.12, 0.3), (0.06, 0.15), (0.03, 0.08))
 _GRID = np.linspace(-0.6, 0.6, 9)  # natural logarithms of gains
-_WAYS = [np.array(way) for way in product((-1, 0, 1), repeat=2) if any(way)]
 _FIRST_STEP, _LAST_STEP = 0.5, 0.003  # in widths of a bell; of logarithms
 _FOLLOWED = 2
-_MOST_GAIN = 0.65
 _SURE, _LEAST_HEIGHT = 2.0, 1.0  # times the height without gains; % of the pairs
 _LEAST_GAIN = 0.07
 _FAR_HIGHER, _ABOUT_AS_HIGH = 1.3, 0.9  # times the height without a contrast
@@ -37,7 +37,7 @@ def find_balance_change(neighbours: Neighbours) -> BalanceChange | None:
     """
     curves = sorted(usual_contrasts(), key=lambda curve: bool(curve.logs.any()))  # none comes first
     logs, height = _best(neighbours, curves)
-    if not _LEAST_GAIN < np.abs(logs).max() < _MOST_GAIN:
+    if not _LEAST_GAIN < np.abs(logs).max() < MOST_GAIN:
         return None
     alike = max(neighbours.through(curve).height(np.zeros(2), _WIDTHS[-1]) for curve in curves)
     if height < max(_LEAST_HEIGHT, _SURE * alike):
@@ -99,13 +99,7 @@ def _best(neighbours: Neighbours, curves: list[ToneCurve]) -> tuple[Floats64, fl
 def _climbed(seen: Seen, logs: Floats64) -> Floats64:
     """Up the height of the peak in ever smaller steps, through bells ever narrower."""
     for widths in _WIDTHS:
-        height, step = seen.height(logs, widths), _FIRST_STEP * widths[0]
-        while step > _LAST_STEP:
-            around = [np.clip(logs + step * way, -_MOST_GAIN, _MOST_GAIN) for way in _WAYS]
-            heights = [seen.height(one, widths) for one in around]
-            best = int(np.argmax(heights))
-            if heights[best] > height:
-                height, logs = heights[best], around[best]
-            else:
-                step /= 2
+        logs, _ = climb_gains(
+            partial(seen.height, widths=widths), logs, _FIRST_STEP * widths[0], _LAST_STEP
+        )
     return logs

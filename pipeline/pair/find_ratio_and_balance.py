@@ -10,12 +10,14 @@ other is left as it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from pipeline.arrays import Floats64
 from pipeline.pair.balance_change import BalanceChange
+from pipeline.pair.climb_gains import climb_gains
 from pipeline.pair.find_tone_curve import usual_contrasts
 from pipeline.pair.one_surface import Neighbours, PairBlocks, Seen, Widths, find_neighbours
 from pipeline.pair.tone_curve import ToneCurve
@@ -26,8 +28,7 @@ _PAIRS, _ROUGH_PAIRS = 3_000, 700
 _ROUGH, _MIDDLE, _FINE = (0.12, 0.3), (0.06, 0.15), (0.03, 0.08)
 _RATIOS = np.arange(0.15, -1.45, -0.15)  # natural logarithms, as all that follow
 _GAINS = [np.zeros(2), *(np.array(one) for one in product((-0.36, -0.12, 0.12, 0.36), repeat=2))]
-_WAYS = [np.array(way) for way in product((-1, 0, 1), repeat=2) if any(way)]
-_MOST_GAIN, _LEAST_GAIN = 0.65, 0.07
+_LEAST_GAIN = 0.07
 _LAST_ROUGH_STEP, _LAST_STEP = 0.02, 0.006
 _FIRST_STEP, _LAST_RATIO_STEP = 0.075, 0.01
 _LESS_GAINS = 3.0  # that a peak counts less by, for the squares of gains
@@ -157,14 +158,5 @@ def _worth(seen: Seen, gains: Floats64, widths: Widths) -> float:
 
 
 def _climbed(seen: Seen, gains: Floats64, widths: Widths, last: float) -> tuple[Floats64, float]:
-    """Up what gains are worth in ever smaller steps."""
-    worth, step = _worth(seen, gains, widths), 0.5 * widths[0]
-    while step > last:
-        around = [np.clip(gains + step * way, -_MOST_GAIN, _MOST_GAIN) for way in _WAYS]
-        worths = [_worth(seen, one, widths) for one in around]
-        best = int(np.argmax(worths))
-        if worths[best] > worth:
-            worth, gains = worths[best], around[best]
-        else:
-            step /= 2
-    return gains, worth
+    """Up what gains are worth."""
+    return climb_gains(partial(_worth, seen, widths=widths), gains, 0.5 * widths[0], last)
