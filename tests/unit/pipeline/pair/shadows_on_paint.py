@@ -11,6 +11,7 @@ from pipeline.arrays import Floats64
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.images.coded_image import TableImage
 from pipeline.images.frames import Mask, Photograph
+from pipeline.pair.balance_change import TO_SENSOR
 from pipeline.pair.one_surface import (
     Neighbours,
     PairBlocks,
@@ -60,6 +61,20 @@ def photographs(curve: Curve, light: tuple[Floats64, Floats64]) -> tuple[TableIm
         return TableImage(np.round(255 * codes).astype(np.uint8), table)
 
     return coded(light[0]), coded(light[1])
+
+
+def with_gains(flash: Floats64, red: float, blue: float) -> Floats64:
+    """A photograph (H, W, 3) in linear sRGB whose sensor's channels are multiplied."""
+    to_srgb = np.linalg.inv(TO_SENSOR)
+    return np.asarray(flash @ (to_srgb @ (np.array((red, 1.0, blue))[:, None] * TO_SENSOR)).T)
+
+
+def pair_of(
+    red: float, blue: float, contrast: float = 0.0, exposure: float = 0.75, flash: float = 0.35
+) -> tuple[TableImage, TableImage]:
+    """Photographs of which that with the flash has gains, through an S of this contrast."""
+    no_flash, both = light_of(flash=flash)
+    return photographs(s_curve(contrast), (no_flash, exposure * with_gains(both, red, blue)))
 
 
 def neighbours(

@@ -5,33 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.arrays import Floats64
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.images.coded_image import TableImage
-from pipeline.pair.balance_change import TO_SENSOR, BalanceChange
+from pipeline.pair.balance_change import BalanceChange
 from pipeline.pair.find_balance_change import find_balance_change, settle_balance_change
 from pipeline.pair.tone_curve import KNOTS, ToneCurve
 from tests.unit.pipeline.pair.shadows_on_paint import (
     SIZE,
-    light_of,
     neighbours,
     nothing,
-    photographs,
+    pair_of,
     s_curve,
 )
-
-
-def with_gains(flash: Floats64, red: float, blue: float) -> Floats64:
-    """A photograph (H, W, 3) in linear sRGB whose sensor's channels are multiplied."""
-    to_srgb = np.linalg.inv(TO_SENSOR)
-    return np.asarray(flash @ (to_srgb @ (np.array((red, 1.0, blue))[:, None] * TO_SENSOR)).T)
-
-
-def pair_of(
-    red: float, blue: float, contrast: float = 0.0, exposure: float = 0.75, flash: float = 0.35
-) -> tuple[TableImage, TableImage]:
-    no_flash, both = light_of(flash=flash)
-    return photographs(s_curve(contrast), (no_flash, exposure * with_gains(both, red, blue)))
 
 
 @pytest.mark.parametrize("gains", [(1.3, 0.75), (0.75, 1.3), (1.12, 0.9), (1.0, 0.8)])

@@ -25,8 +25,8 @@ from tests.unit.pipeline.pair.shadows_on_paint import (
     neighbours,
     photographs,
     s_curve,
+    with_gains,
 )
-from tests.unit.pipeline.pair.test_find_balance_change import with_gains
 
 
 def factors(light: Floats64, power: float, around: float) -> Floats64:

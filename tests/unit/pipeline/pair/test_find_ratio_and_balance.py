@@ -9,8 +9,13 @@ import pytest
 
 from pipeline.pair.find_ratio_and_balance import find_ratio_and_balance
 from pipeline.pair.one_surface import PairBlocks
-from tests.unit.pipeline.pair.shadows_on_paint import blocks, light_of, photographs, s_curve
-from tests.unit.pipeline.pair.test_find_balance_change import pair_of
+from tests.unit.pipeline.pair.shadows_on_paint import (
+    blocks,
+    light_of,
+    pair_of,
+    photographs,
+    s_curve,
+)
 
 GAINS = [(1.2, 0.8), (0.85, 1.1)]
 

@@ -9,8 +9,13 @@ import pytest
 
 from pipeline.pair.find_rendered_ratio import find_rendered_ratio
 from pipeline.pair.one_surface import PairBlocks
-from tests.unit.pipeline.pair.shadows_on_paint import blocks, light_of, photographs, s_curve
-from tests.unit.pipeline.pair.test_find_balance_change import pair_of
+from tests.unit.pipeline.pair.shadows_on_paint import (
+    blocks,
+    light_of,
+    pair_of,
+    photographs,
+    s_curve,
+)
 
 
 def exposed(exposure: float, contrast: float = 0.0, flash: float = 0.35) -> PairBlocks:
