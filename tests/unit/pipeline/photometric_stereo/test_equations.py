@@ -106,6 +106,15 @@ def test_a_pattern_serves_for_other_values() -> None:
     assert again == pytest.approx(Pattern(5, PAIRS, TRIPLES).equations(*KINDS).solution())
 
 
+def test_unknowns_are_ordered_so_that_factors_fill_up_little() -> None:
+    """Solved for first, the one that all others hang on would tie all of them together."""
+    spokes = np.array([[0, i] for i in range(1, 30)])
+
+    equations = Pattern(30, spokes).equations(rows_of(1, 29, 3, 2))
+
+    assert equations._factors.L.nnz == 30 + 29  # as many as there are entries, of 465
+
+
 def test_an_unknown_that_no_row_tells_does_not_move() -> None:
     found = Pattern(6, PAIRS, TRIPLES).equations(*KINDS).solution()
 
